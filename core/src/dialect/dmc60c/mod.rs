@@ -1,0 +1,3 @@
+//! The DMC60C dialect.
+
+pub mod wire;

@@ -1,0 +1,135 @@
+//! What the engine is told to do: one complete, idempotent value.
+//!
+//! A [`Command`] holds everything that a control frame can say, so that a lost frame is repaired by the
+//! next one and a repeated frame changes nothing. Only two things in it count: `sequence`, which tells
+//! the engine that a driving frame arrived (it restarts the heartbeat), and the generation numbers of
+//! one-shots.
+
+use crate::units::{Amps, Duty, Volts};
+
+/// Closed-loop gain set ("motor control profile slot" of the DMC60C guide).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Slot {
+    /// Slot 0.
+    #[default]
+    Zero,
+    /// Slot 1.
+    One,
+}
+
+impl Slot {
+    /// The slot's number, 0 or 1.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// What the bridge does with the motor terminals while the duty cycle is zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Neutral {
+    /// Both terminals shorted: the motor resists turning.
+    #[default]
+    Brake,
+    /// Both terminals floating: the motor turns freely.
+    Coast,
+}
+
+/// The quantity that is driven, with its target.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Setpoint {
+    /// Output off (DMC60C `modeNoDrive`).
+    #[default]
+    Off,
+    /// Open-loop duty cycle.
+    Duty(Duty),
+    /// Closed loop on encoder velocity in counts per 100 ms.
+    Velocity(i32),
+    /// Closed loop on encoder position in counts.
+    Position(i32),
+    /// Closed loop on motor current.
+    Current(Amps),
+    /// Constant output voltage whatever the bus voltage is.
+    Voltage(Volts),
+    /// The duty cycle that another controller reports, see [`Command::master`].
+    Follow,
+    /// The duty cycle that the RC-PWM input asks for; the source of drive while there is no CAN bus.
+    Pulse,
+}
+
+impl Setpoint {
+    /// True where the guide speaks of "a non-zero setpoint", which is what ends the halted state.
+    #[must_use]
+    pub fn is_nonzero(self) -> bool {
+        match self {
+            Self::Off => false,
+            Self::Duty(duty) => duty != Duty::ZERO,
+            Self::Velocity(counts) | Self::Position(counts) => counts != 0,
+            Self::Current(value) | Self::Voltage(value) => value != 0,
+            Self::Follow | Self::Pulse => true,
+        }
+    }
+}
+
+/// Limit switch override of a control frame. While `enabled`, the two other flags replace the stored
+/// enable states of the switches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LimitOverride {
+    /// The override is in force.
+    pub enabled: bool,
+    /// Forward switch does not limit.
+    pub disable_forward: bool,
+    /// Reverse switch does not limit.
+    pub disable_reverse: bool,
+}
+
+/// Options that hold as long as the command that carries them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DriveOpts {
+    /// Gain set for the closed loops.
+    pub slot: Slot,
+    /// Neutral behaviour instead of the stored one.
+    pub neutral: Option<Neutral>,
+    /// Limit switch override.
+    pub limits: LimitOverride,
+    /// Count encoder and velocity the other way round (ignored while following).
+    pub reverse_sensor: bool,
+    /// Drive the terminals the other way round.
+    pub reverse_motor: bool,
+    /// Largest change of the duty cycle per 500 µs tick in throttle units outside the closed loops;
+    /// 0 = at once.
+    pub ramp: u16,
+}
+
+/// Last report of the controller that is being followed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MasterReport {
+    /// Duty cycle applied by the master.
+    pub duty: Duty,
+    /// Changes with every report; restarts the follower's timeout.
+    pub sequence: u32,
+}
+
+/// An order to overwrite the encoder position. Acts once for every new `generation`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SetPosition {
+    /// New position in counts.
+    pub counts: i32,
+    /// Changes with every order.
+    pub generation: u32,
+}
+
+/// Everything the engine is told, whole.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Command {
+    /// Changes with every control frame; restarts the heartbeat.
+    pub sequence: u32,
+    /// What to drive.
+    pub setpoint: Setpoint,
+    /// How to drive it.
+    pub opts: DriveOpts,
+    /// What the followed controller does.
+    pub master: MasterReport,
+    /// Pending order to overwrite the position.
+    pub set_position: SetPosition,
+}

@@ -1,0 +1,4 @@
+//! The control engine.
+
+pub mod command;
+pub mod snapshot;

@@ -1,0 +1,299 @@
+//! What goes into a tick and what comes out of it.
+
+use super::command::{DriveOpts, Neutral};
+use crate::units::{Amps, Celsius, Duty, Volts};
+
+/// Levels of the digital inputs; `true` is a logic high at the pin. Limit and index inputs are pulled
+/// up: an open switch reads high, a switch closed to ground reads low.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pins {
+    /// FWDLIM.
+    pub forward_limit: bool,
+    /// REVLIM.
+    pub reverse_limit: bool,
+    /// QEA.
+    pub encoder_a: bool,
+    /// QEB.
+    pub encoder_b: bool,
+    /// QEIDX.
+    pub encoder_index: bool,
+    /// The gate driver reports a fault (already translated to active high).
+    pub gate_driver_fault: bool,
+}
+
+impl Default for Pins {
+    /// Nothing connected: every pull-up reads high, no gate driver fault.
+    fn default() -> Self {
+        Self {
+            forward_limit: true,
+            reverse_limit: true,
+            encoder_a: true,
+            encoder_b: true,
+            encoder_index: true,
+            gate_driver_fault: false,
+        }
+    }
+}
+
+/// Edges of one direction on the index pin, latched by hardware.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct IndexCapture {
+    /// Edges seen since power-on, wrapping.
+    pub edges: u16,
+    /// Encoder counter at the latest edge.
+    pub count: u32,
+}
+
+/// The RC-PWM input, measured by hardware.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pulse {
+    /// Width of the latest pulse in µs.
+    pub width_us: u16,
+    /// Pulses seen since power-on, wrapping.
+    pub count: u16,
+}
+
+/// Everything measured for one tick. Analog values are raw 12-bit conversions, 0 to 4095.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sample {
+    /// Free-running quadrature counter, four counts per encoder cycle, wrapping.
+    pub encoder: u32,
+    /// Digital inputs.
+    pub pins: Pins,
+    /// Rising edges of the index pin.
+    pub index_rising: IndexCapture,
+    /// Falling edges of the index pin.
+    pub index_falling: IndexCapture,
+    /// Current-sense amplifier; mid-scale is no current.
+    pub current: u16,
+    /// Bus voltage divider.
+    pub bus_voltage: u16,
+    /// Temperature sensor.
+    pub temperature: u16,
+    /// AIN1.
+    pub analog_in: u16,
+    /// RC-PWM input.
+    pub pulse: Pulse,
+}
+
+/// What the bridge does until the next tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Actuation {
+    /// Every switch of the bridge open: the terminals float. Also the state at reset and on any fault.
+    #[default]
+    Off,
+    /// Both terminals shorted.
+    Brake,
+    /// Drive with this duty cycle, which is not zero.
+    Drive(Duty),
+}
+
+impl Actuation {
+    /// The duty cycle at the terminals, zero unless driving.
+    #[must_use]
+    pub const fn duty(self) -> Duty {
+        match self {
+            Self::Drive(duty) => duty,
+            Self::Off | Self::Brake => Duty::ZERO,
+        }
+    }
+}
+
+/// The control mode that a status frame reports.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Open-loop duty cycle.
+    Duty,
+    /// Closed-loop velocity.
+    Velocity,
+    /// Closed-loop position.
+    Position,
+    /// Closed-loop current.
+    Current,
+    /// Voltage compensation.
+    Voltage,
+    /// Following another controller.
+    Follow,
+    /// RC-PWM input.
+    Pulse,
+    /// Output disabled.
+    #[default]
+    Off,
+}
+
+impl Mode {
+    /// True for the modes that use a gain slot.
+    #[must_use]
+    pub const fn is_closed_loop(self) -> bool {
+        matches!(self, Self::Velocity | Self::Position | Self::Current)
+    }
+}
+
+/// State of the drive, apart from faults.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DriveState {
+    /// Finding the zero of the current sensor after power-on; the output is off.
+    #[default]
+    SelfCheck,
+    /// Waiting for a command; the output is neutral.
+    Halted,
+    /// Following its command.
+    Running,
+}
+
+/// A set of faults with the bit positions of DMC60C `paramActiveFaults`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Faults(u8);
+
+/// One fault. The discriminant is its bit position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// Over-current (`fltOverCurrent`).
+    OverCurrent = 0,
+    /// Over-temperature (`fltOverTemp`).
+    OverTemperature = 1,
+    /// Under-voltage (`fltUnderVoltage`).
+    UnderVoltage = 2,
+    /// Gate driver (`fltGateDriver`), most likely a short circuit.
+    GateDriver = 3,
+    /// Loss of the CAN bus (`fltComm`); recorded, never active.
+    Communication = 4,
+}
+
+impl Fault {
+    /// Every fault in the order of its bit.
+    pub const ALL: [Self; 5] = [
+        Self::OverCurrent,
+        Self::OverTemperature,
+        Self::UnderVoltage,
+        Self::GateDriver,
+        Self::Communication,
+    ];
+
+    /// The fault's bit in a fault word.
+    #[must_use]
+    pub const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+
+    /// A set from a fault word; bits without a meaning are dropped.
+    #[must_use]
+    pub const fn from_bits(bits: u8) -> Self {
+        Self(bits & 0x1F)
+    }
+
+    /// The fault word.
+    #[must_use]
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// True if no fault is set.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// True if `fault` is set.
+    #[must_use]
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & fault.bit() != 0
+    }
+
+    /// The set with `fault` added.
+    #[must_use]
+    pub const fn with(self, fault: Fault) -> Self {
+        Self(self.0 | fault.bit())
+    }
+
+    /// Faults of both sets.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Faults of this set that are not in `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// The fault with the lowest bit.
+    #[must_use]
+    pub fn lowest(self) -> Option<Fault> {
+        Fault::ALL.into_iter().find(|fault| self.contains(*fault))
+    }
+}
+
+/// One direction's limits as the engine saw them in this tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LimitStatus {
+    /// The switch is in its active state by its type, whether it may limit or not.
+    pub switch_hit: bool,
+    /// The switch is disabled by parameter or override.
+    pub switch_disabled: bool,
+    /// The soft limit is enabled and reached.
+    pub soft_hit: bool,
+    /// Switch or soft limit forbid this direction.
+    pub blocked: bool,
+    /// A request in this direction was just refused.
+    pub refused: bool,
+}
+
+/// Everything observable after a tick, in native units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Snapshot {
+    /// Mode of the command in force; [`Mode::Off`] once the command has timed out.
+    pub mode: Mode,
+    /// State of the drive.
+    pub state: DriveState,
+    /// Active faults; not empty means that the output is off.
+    pub faults: Faults,
+    /// Times that each fault became active since power-on, wrapping, in the order of the bits; the
+    /// communication fault is not the engine's and has no place here.
+    pub fault_events: [u8; 4],
+    /// What the bridge does.
+    pub actuation: Actuation,
+    /// What the bridge would do at zero duty cycle.
+    pub neutral: Neutral,
+    /// Options of the command in force.
+    pub opts: DriveOpts,
+    /// Target minus measured value: throttle units (duty), counts per 100 ms (velocity), counts
+    /// (position), 16.16 amperes (current), 16.16 volts (voltage compensation); 0 in other modes.
+    pub error: i32,
+    /// Encoder position in counts, after sensor reversal.
+    pub position: i32,
+    /// Encoder velocity in counts per 100 ms, after sensor reversal.
+    pub velocity: i32,
+    /// Motor current.
+    pub current: Amps,
+    /// Bus voltage.
+    pub bus_voltage: Volts,
+    /// Case temperature.
+    pub temperature: Celsius,
+    /// Voltage at AIN1.
+    pub analog_in: Volts,
+    /// Digital inputs.
+    pub pins: Pins,
+    /// Forward limits.
+    pub forward: LimitStatus,
+    /// Reverse limits.
+    pub reverse: LimitStatus,
+    /// The current limiter holds the duty cycle down.
+    pub current_limited: bool,
+    /// The RC-PWM input delivers valid pulses.
+    pub pulse_valid: bool,
+}
+
+impl Snapshot {
+    /// The duty cycle at the terminals.
+    #[must_use]
+    pub const fn duty(&self) -> Duty {
+        self.actuation.duty()
+    }
+}

@@ -1,0 +1,4 @@
+//! The management channel.
+
+pub mod vendor;
+pub mod wire;

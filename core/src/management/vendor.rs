@@ -1,0 +1,273 @@
+//! Vendor commands and the codes that answer them: the one table of the management channel.
+
+/// What a vendor command does with the bytes that follow it, and which string it writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// `vcmdSetDevNumber`.
+    SetDeviceNumber,
+    /// `vcmdSetDevName` … `vcmdSetSN`.
+    SetDescriptor(Descriptor),
+    /// `vcmdFlashLEDS`.
+    FlashLeds,
+    /// `vcmdGetDescriptors`.
+    GetDescriptors,
+    /// `vcmdGetFwver`.
+    GetFirmwareVersion,
+    /// `vcmdGetFlashSeqnum`.
+    GetFlashSequence,
+    /// `vcmdEnterBootloader`.
+    EnterBootloader,
+    /// `vcmdSoftReset`.
+    SoftReset,
+    /// `vcmdEraseWriteFlashPage`.
+    EraseWriteFlashPage,
+    /// `vcmdJ1ShortTest` and `vcmdJ1OpenTest`.
+    PinTest(PinTest),
+}
+
+impl Command {
+    /// Every command with its code and its name in the guide ("Vendor Commands", "Commands").
+    pub const TABLE: [(u16, &'static str, Self); 16] = [
+        (0x01, "vcmdSetDevNumber", Self::SetDeviceNumber),
+        (
+            0x02,
+            "vcmdSetDevName",
+            Self::SetDescriptor(Descriptor::DeviceName),
+        ),
+        (
+            0x03,
+            "vcmdSetManName",
+            Self::SetDescriptor(Descriptor::ManufacturerName),
+        ),
+        (
+            0x04,
+            "vcmdSetProdName",
+            Self::SetDescriptor(Descriptor::ProductName),
+        ),
+        (
+            0x05,
+            "vcmdSetManDate",
+            Self::SetDescriptor(Descriptor::ManufactureDate),
+        ),
+        (
+            0x06,
+            "vcmdSetHardwareVer",
+            Self::SetDescriptor(Descriptor::HardwareVersion),
+        ),
+        (
+            0x07,
+            "vcmdSetSN",
+            Self::SetDescriptor(Descriptor::SerialNumber),
+        ),
+        (0x50, "vcmdFlashLEDS", Self::FlashLeds),
+        (0x60, "vcmdGetDescriptors", Self::GetDescriptors),
+        (0x61, "vcmdGetFwver", Self::GetFirmwareVersion),
+        (0x62, "vcmdGetFlashSeqnum", Self::GetFlashSequence),
+        (0xF0, "vcmdEnterBootloader", Self::EnterBootloader),
+        (0xF1, "vcmdSoftReset", Self::SoftReset),
+        (0xF2, "vcmdEraseWriteFlashPage", Self::EraseWriteFlashPage),
+        (0xF3, "vcmdJ1ShortTest", Self::PinTest(PinTest::Short)),
+        (0xF4, "vcmdJ1OpenTest", Self::PinTest(PinTest::Open)),
+    ];
+
+    /// The command of a 16-bit code; the whole word counts, 0x0161 is not 0x0061.
+    #[must_use]
+    pub fn from_code(code: u16) -> Option<Self> {
+        Self::TABLE
+            .iter()
+            .find(|row| row.0 == code)
+            .map(|row| row.2)
+    }
+
+    /// The command's code.
+    #[must_use]
+    pub fn code(self) -> u16 {
+        Self::TABLE
+            .iter()
+            .find(|row| row.2 == self)
+            .map_or(0, |row| row.0)
+    }
+}
+
+/// The two tests of the expansion header J1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PinTest {
+    /// `vcmdJ1ShortTest`: no pin may be connected to another one, to ground or to a supply.
+    Short,
+    /// `vcmdJ1OpenTest`: needs a fixture that joins pins 3–4, 5–7 and 8–9.
+    Open,
+}
+
+/// A pin of J1 that failed a test (`terc…`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TestPin {
+    /// AIN1.
+    AnalogIn = 1,
+    /// FWDLIM.
+    ForwardLimit = 2,
+    /// REVLIM.
+    ReverseLimit = 3,
+    /// QEA.
+    EncoderA = 4,
+    /// QEB.
+    EncoderB = 5,
+    /// QEIDX.
+    EncoderIndex = 6,
+}
+
+impl TestPin {
+    /// Every pin with its name on the header, in the order of the codes.
+    pub const TABLE: [(Self, &'static str); 6] = [
+        (Self::AnalogIn, "AIN1"),
+        (Self::ForwardLimit, "FWDLIM"),
+        (Self::ReverseLimit, "REVLIM"),
+        (Self::EncoderA, "QEA"),
+        (Self::EncoderB, "QEB"),
+        (Self::EncoderIndex, "QEIDX"),
+    ];
+
+    /// The pin of a test error code; `None` for 0 (no error) and unknown codes.
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::TABLE
+            .iter()
+            .map(|row| row.0)
+            .find(|pin| *pin as u8 == code)
+    }
+
+    /// The pin's name on the header.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::TABLE
+            .iter()
+            .find(|row| row.0 == self)
+            .map_or("", |row| row.1)
+    }
+}
+
+/// Result codes of a vendor command (`cerc…`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommandCode {
+    /// `cercNoError`.
+    NoError = 0,
+    /// `cercNotSupported`.
+    NotSupported = 1,
+    /// `cercBadParameter`.
+    BadParameter = 2,
+    /// `cercDataRcvMore`.
+    DataReceivedMore = 3,
+    /// `cercInBootloader`.
+    InBootloader = 4,
+    /// `cercCrcMismatch`.
+    CrcMismatch = 5,
+    /// `cercFlashWriteFailed`.
+    FlashWriteFailed = 6,
+    /// `cercAckReset`.
+    AcknowledgeReset = 7,
+    /// `cercTestPassed`.
+    TestPassed = 8,
+    /// `cercTestFailed`.
+    TestFailed = 9,
+}
+
+impl CommandCode {
+    /// Every code with its name in the guide, in the order of the codes.
+    pub const TABLE: [(Self, &'static str); 10] = [
+        (Self::NoError, "cercNoError"),
+        (Self::NotSupported, "cercNotSupported"),
+        (Self::BadParameter, "cercBadParameter"),
+        (Self::DataReceivedMore, "cercDataRcvMore"),
+        (Self::InBootloader, "cercInBootloader"),
+        (Self::CrcMismatch, "cercCrcMismatch"),
+        (Self::FlashWriteFailed, "cercFlashWriteFailed"),
+        (Self::AcknowledgeReset, "cercAckReset"),
+        (Self::TestPassed, "cercTestPassed"),
+        (Self::TestFailed, "cercTestFailed"),
+    ];
+
+    /// The code in the low byte of `cerc`; `None` if the guide does not define it.
+    #[must_use]
+    pub fn from_code(code: u16) -> Option<Self> {
+        Self::TABLE
+            .iter()
+            .map(|row| row.0)
+            .find(|entry| *entry as u16 == code & 0xFF)
+    }
+
+    /// The code's name in the guide.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::TABLE
+            .iter()
+            .find(|row| row.0 == self)
+            .map_or("", |row| row.1)
+    }
+}
+
+/// Result codes of a parameter request (`perc…`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParameterError {
+    /// `percBadParameter`: no such parameter.
+    BadParameter = 1,
+    /// `percBadValue`: the value is not allowed for this parameter.
+    BadValue = 2,
+}
+
+/// The six strings that describe a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Descriptor {
+    /// `idfldSzDevName`, the user's name for the device.
+    DeviceName = 1,
+    /// `idfldSzManName`.
+    ManufacturerName = 2,
+    /// `idfldSzProdName`.
+    ProductName = 3,
+    /// `idfldSzManDate`, `mm/dd/yy`.
+    ManufactureDate = 4,
+    /// `idfldSzHardWareVer`, `x.y`.
+    HardwareVersion = 5,
+    /// `idfldSzSN`, 12 hexadecimal digits.
+    SerialNumber = 6,
+}
+
+impl Descriptor {
+    /// Every string in the order of its field identifier.
+    pub const ALL: [Self; 6] = [
+        Self::DeviceName,
+        Self::ManufacturerName,
+        Self::ProductName,
+        Self::ManufactureDate,
+        Self::HardwareVersion,
+        Self::SerialNumber,
+    ];
+
+    /// Longest string in bytes, without the terminator (guide, field table; device name 64 and serial
+    /// number 12 by `docs/dmc60c.md`).
+    #[must_use]
+    pub const fn capacity(self) -> usize {
+        match self {
+            Self::DeviceName => 64,
+            Self::ManufacturerName | Self::ProductName => 28,
+            Self::ManufactureDate => 20,
+            Self::HardwareVersion => 8,
+            Self::SerialNumber => 12,
+        }
+    }
+
+    /// What the device reports as long as nothing has been stored (guide, field table).
+    #[must_use]
+    pub const fn default_text(self) -> &'static str {
+        match self {
+            Self::DeviceName => "Motor Controller",
+            Self::ManufacturerName => "Digilent",
+            Self::ProductName => "Digilent DMC60C",
+            Self::ManufactureDate | Self::HardwareVersion | Self::SerialNumber => "UNKNOWN",
+        }
+    }
+
+    /// The string of a field identifier.
+    #[must_use]
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|entry| *entry as u8 == code)
+    }
+}

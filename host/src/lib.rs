@@ -1,0 +1,2 @@
+//! Host side of Windlass: the virtual bench, transports to real and simulated buses, and the client
+//! library behind the `windlass` command.
