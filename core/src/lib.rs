@@ -22,5 +22,6 @@ pub mod frame;
 pub mod frc_id;
 pub mod management;
 pub mod params;
+pub mod slcan;
 pub mod time;
 pub mod units;
