@@ -1,0 +1,119 @@
+//! How a verb ends: exit codes, and errors that name their cause and the next step.
+
+use std::process::ExitCode;
+
+use crate::transport::BusError;
+
+/// What went wrong, by the exit code it leads to (`docs/command.md`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Nothing below fits.
+    Unexpected = 1,
+    /// Unknown verb or option, malformed value.
+    Usage = 2,
+    /// The transport could not be opened, or the bus failed.
+    Bus = 3,
+    /// No such device, or the selector matches several.
+    NoDevice = 4,
+    /// The device did not answer.
+    NoAnswer = 5,
+    /// The device refused, or a value is out of range.
+    Refused = 6,
+}
+
+impl Kind {
+    /// The kind's name in the JSON form of an error.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unexpected => "unexpected",
+            Self::Usage => "usage",
+            Self::Bus => "bus",
+            Self::NoDevice => "no-device",
+            Self::NoAnswer => "no-answer",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// An error as the user sees it: what happened, and what to do next.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct Failure {
+    /// Decides the exit code.
+    pub kind: Kind,
+    /// What happened, one line without a full stop.
+    pub message: String,
+    /// What to do next, one line.
+    pub next: String,
+}
+
+impl Failure {
+    /// A failure of `kind`.
+    #[must_use]
+    pub fn new(kind: Kind, message: impl Into<String>, next: impl Into<String>) -> Self {
+        Self {
+            kind,
+            message: message.into(),
+            next: next.into(),
+        }
+    }
+}
+
+impl From<BusError> for Failure {
+    fn from(error: BusError) -> Self {
+        Self::new(Kind::Bus, error.to_string(), error.next_step())
+    }
+}
+
+impl From<std::io::Error> for Failure {
+    fn from(error: std::io::Error) -> Self {
+        Self::new(
+            Kind::Unexpected,
+            format!("input or output failed: {error}"),
+            "check that the place the output goes to is still open and not full",
+        )
+    }
+}
+
+/// How a verb that did its work ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Everything was done.
+    Done,
+    /// A self-test failed or a device reports a fault; the report has been printed.
+    FaultReported,
+    /// Ended by Ctrl-C, after leaving the devices in a safe state.
+    Interrupted,
+}
+
+impl Outcome {
+    /// The exit code of this end.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::FaultReported => 7,
+            Self::Interrupted => 130,
+        }
+    }
+}
+
+/// Prints an error where it belongs (one `error:` and one `next:` line on standard error, or a JSON
+/// document on standard output) and gives the exit code.
+pub(super) fn report(failure: &Failure, json: bool) -> ExitCode {
+    let code = failure.kind as u8;
+    if json {
+        let document = serde_json::json!({"error": {
+            "kind": failure.kind.name(),
+            "message": failure.message,
+            "next": failure.next,
+            "code": code,
+        }});
+        // A closed standard output leaves only the exit code to tell the error.
+        let _ = super::output::line(format_args!("{document}"));
+    } else {
+        eprintln!("error: {}\nnext: {}", failure.message, failure.next);
+    }
+    ExitCode::from(code)
+}

@@ -1,0 +1,1 @@
+//! Client of the DMC60C protocol, generic over [`Bus`](crate::transport::Bus).

@@ -1,0 +1,53 @@
+//! Ways to reach a CAN bus, behind one trait and one transport string.
+
+mod error;
+
+use std::time::Duration;
+
+use windlass_core::frame::Frame;
+
+pub use error::BusError;
+
+/// A frame from the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// The frame.
+    pub frame: Frame,
+    /// When it arrived, on the clock of [`Bus::now`].
+    pub at: Duration,
+}
+
+/// One participant on a classic CAN bus.
+///
+/// All waiting goes through [`Bus::receive`]: a simulated bus lets its virtual time pass there instead
+/// of sleeping.
+pub trait Bus {
+    /// Queues a frame for transmission.
+    ///
+    /// # Errors
+    /// The adapter or the connection to it has failed.
+    fn send(&mut self, frame: &Frame) -> Result<(), BusError>;
+
+    /// Waits for the next frame, at most `timeout`; `None` if nothing came.
+    ///
+    /// # Errors
+    /// The adapter or the connection to it has failed.
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError>;
+
+    /// Time on this bus since it was opened: virtual for a simulated bus.
+    fn now(&self) -> Duration;
+}
+
+impl<B: Bus + ?Sized> Bus for Box<B> {
+    fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
+        (**self).send(frame)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        (**self).receive(timeout)
+    }
+
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+}
