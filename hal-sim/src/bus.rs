@@ -101,6 +101,8 @@ pub(crate) struct Bus {
     load: LoadMeter,
     pub(crate) frames: u64,
     pub(crate) error_frames: u64,
+    /// Receptions lost behind good frames, of everybody.
+    pub(crate) lost: u64,
 }
 
 impl Bus {
@@ -120,6 +122,7 @@ impl Bus {
             load: LoadMeter::default(),
             frames: 0,
             error_frames: 0,
+            lost: 0,
         }
     }
 
@@ -193,8 +196,8 @@ impl Bus {
         controller.running && controller.mail.is_none()
     }
 
-    /// Puts a frame into the empty mailbox. `attempts`: how often it may be tried, `None` = until it
-    /// is sent.
+    /// Puts a frame into the empty mailbox. `attempts`: how often it may be destroyed, `None` = tried
+    /// until it is sent.
     pub(crate) fn load_mailbox(
         &mut self,
         station: Station,
@@ -269,9 +272,9 @@ impl Bus {
         self.on_wire.is_none() && self.next_start <= now
     }
 
-    /// Arbitration: among everybody who is ready at `now`, the lowest arbitration field wins.
-    pub(crate) fn start(&mut self, now: u64, outcome: &mut Outcome) {
-        outcome.clear();
+    /// Arbitration: among everybody who is ready at `now`, the lowest arbitration field wins. The others
+    /// wait for the next chance; losing is no failed attempt.
+    pub(crate) fn start(&mut self, now: u64) {
         self.count_idle(now);
         let mut best = u32::MAX;
         self.transmitters.clear();
@@ -289,13 +292,6 @@ impl Bus {
             }
             if mail.shape.key == best {
                 self.transmitters.push(station);
-            }
-        }
-        for index in 0..self.members.len() {
-            let station = self.members[index];
-            let contends = self.controllers[station].ready_at() <= now;
-            if contends && !self.transmitters.contains(&station) {
-                self.end_attempt(station, outcome);
             }
         }
         self.put_on_wire(now);
@@ -406,6 +402,7 @@ impl Bus {
             // The bus saw a good frame; the loss happens behind the controller (an overrun).
             if self.random.chance(self.disturbance.loss) {
                 controller.lost += 1;
+                self.lost += 1;
                 continue;
             }
             controller.count_received();
@@ -458,7 +455,7 @@ impl Bus {
         outcome.lost.push(station);
     }
 
-    /// Counts an attempt that lost the arbitration or was destroyed.
+    /// Counts an attempt that was destroyed or acknowledged by nobody.
     fn end_attempt(&mut self, station: Station, outcome: &mut Outcome) {
         if self.controllers[station].use_attempt() {
             self.controllers[station].mail = None;

@@ -48,7 +48,7 @@ impl ErrorState {
 pub(crate) struct Mail {
     pub(crate) frame: Frame,
     pub(crate) shape: Shape,
-    /// Attempts that remain, the next one included; `None` = until it is sent.
+    /// Failures that end it; `None` = tried until it is sent.
     pub(crate) attempts: Option<u8>,
     /// Earliest start in ns.
     pub(crate) ready_at: u64,
