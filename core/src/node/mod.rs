@@ -4,6 +4,9 @@
 //! the command that the control tick reads; the engine itself runs elsewhere and is known only by its
 //! [`Snapshot`].
 
+#[cfg(test)]
+mod tests;
+
 use crate::dialect::schedule::earlier;
 use crate::dialect::{AnyDialect, Bad, Decoded, DialectKind, Intent, Outcome, Request, View};
 use crate::engine::command::{Command, DriveOpts, SetPosition, Setpoint};
