@@ -201,11 +201,13 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
         let response = bench.get(code);
         assert_eq!(response.parameter, code);
         match ParameterId::from_code(code) {
-            Some(id) => assert_eq!(
-                (response.value, response.code),
-                (id.row().default, 0),
-                "{code}"
-            ),
+            Some(id) => {
+                assert_eq!(
+                    (response.value, response.code),
+                    (id.row().default, 0),
+                    "{code}"
+                );
+            }
             None => assert_eq!((response.value, response.code), (0, 1), "{code}"),
         }
     }

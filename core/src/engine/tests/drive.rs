@@ -266,7 +266,8 @@ fn brake_override_wins_while_given_and_ends_with_the_command() {
 
 #[test]
 fn i3_every_fault_switches_off_in_its_tick_and_holds_for_3_s() {
-    let faults: [(Fault, fn(&mut Rig, bool), usize); 5] = [
+    type Cause = fn(&mut Rig, bool);
+    let faults: [(Fault, Cause, usize); 5] = [
         (
             Fault::GateDriver,
             |rig, on| rig.sample.pins.gate_driver_fault = on,

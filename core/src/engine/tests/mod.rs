@@ -11,10 +11,17 @@ use super::command::*;
 use super::settings::Policy;
 use super::snapshot::*;
 use super::*;
-use crate::dialect::DialectKind;
 use crate::params::table::ParameterId;
 use crate::params::{Params, compile};
 use crate::units::Duty;
+
+/// The rules of the DMC60C guide: heartbeat and follower 104 ms, fault state 3 s.
+const POLICY: Policy = Policy {
+    command_timeout_ticks: 208,
+    master_timeout_ticks: 208,
+    fault_hold_ticks: 6000,
+    resume: settings::Resume::NonZeroSetpoint,
+};
 
 /// An engine past its self-check, with everything a test needs to turn knobs.
 #[derive(Clone)]
@@ -42,7 +49,7 @@ impl Rig {
         Self {
             engine: Engine::new(),
             params: Params::new(),
-            policy: DialectKind::Dmc60c.policy(),
+            policy: POLICY,
             sample: Sample {
                 current: 2048,
                 bus_voltage: volts(12.0),
@@ -60,7 +67,7 @@ impl Rig {
     }
 
     pub(super) fn tick(&mut self) -> i16 {
-        let settings = compile::settings(&self.params, &Board::DMC60C, &self.policy);
+        let settings = compile::settings(&self.params, &Board::REFERENCE, &self.policy);
         let (actuation, snapshot) = self.engine.tick(&settings, &self.sample, &self.command);
         assert_eq!(actuation, snapshot.actuation);
         self.snapshot = snapshot;

@@ -110,7 +110,7 @@ proptest! {
                 prop_assert_eq!(duty, 0);
             }
             if snapshot.mode.is_closed_loop() && duty != 0 {
-                let settings = compile::settings(&rig.params, &Board::DMC60C, &rig.policy);
+                let settings = compile::settings(&rig.params, &Board::REFERENCE, &rig.policy);
                 let slot = settings.slot(command.opts.slot);
                 prop_assert!(duty <= slot.forward_max && duty >= slot.reverse_max);
             }
