@@ -196,8 +196,8 @@ impl Bus {
         controller.running && controller.mail.is_none()
     }
 
-    /// Puts a frame into the empty mailbox. `attempts`: how often it may be destroyed, `None` = tried
-    /// until it is sent.
+    /// Puts a frame into the empty mailbox. `attempts`: how often it may be destroyed by an error frame
+    /// (a missing acknowledge does not count), `None` = tried until it is sent.
     pub(crate) fn load_mailbox(
         &mut self,
         station: Station,
@@ -363,8 +363,7 @@ impl Bus {
             Fate::NotAcknowledged => {
                 self.error_frames += 1;
                 for &station in &transmitters {
-                    let transition = self.controllers[station].count_acknowledge_error();
-                    self.after_failure(station, transition, outcome);
+                    self.miss_acknowledge(station, outcome);
                 }
             }
             Fate::Destroyed => self.destroy(&transmitters, outcome),
@@ -417,7 +416,8 @@ impl Bus {
         self.error_frames += 1;
         for &station in transmitters {
             let transition = self.controllers[station].count_transmit_error();
-            self.after_failure(station, transition, outcome);
+            self.after_transition(station, transition, outcome);
+            self.end_attempt(station, outcome);
         }
         for index in 0..self.members.len() {
             let station = self.members[index];
@@ -428,9 +428,11 @@ impl Bus {
         }
     }
 
-    fn after_failure(&mut self, station: Station, transition: Transition, outcome: &mut Outcome) {
+    /// Nobody has acknowledged. That is no failed attempt: there was nothing wrong with the frame, and
+    /// the controller goes on trying until it becomes error passive.
+    fn miss_acknowledge(&mut self, station: Station, outcome: &mut Outcome) {
+        let transition = self.controllers[station].count_acknowledge_error();
         self.after_transition(station, transition, outcome);
-        self.end_attempt(station, outcome);
     }
 
     /// A controller that got worse drops what it wanted to send; a CAN tool only at bus-off, because
@@ -455,7 +457,7 @@ impl Bus {
         outcome.lost.push(station);
     }
 
-    /// Counts an attempt that was destroyed or acknowledged by nobody.
+    /// Counts an attempt that was destroyed.
     fn end_attempt(&mut self, station: Station, outcome: &mut Outcome) {
         if self.controllers[station].use_attempt() {
             self.controllers[station].mail = None;
@@ -498,8 +500,7 @@ impl Bus {
             let controller = &mut self.controllers[station];
             if controller.alone_until <= now {
                 controller.alone_until = NEVER;
-                let transition = controller.count_acknowledge_error();
-                self.after_failure(station, transition, outcome);
+                self.miss_acknowledge(station, outcome);
             }
         }
         self.plan(now);

@@ -147,16 +147,6 @@ fn a_lonely_sender_becomes_passive_and_tries_for_ever() {
 }
 
 #[test]
-fn an_attempt_limit_ends_a_lonely_sender() {
-    let mut bus = bus(0);
-    let node = bus.attach(false);
-    bus.load_mailbox(node, Frame::standard(0x100, []), Some(2), 0);
-    let seen = run(&mut bus, MS);
-    assert!(matches!(seen[..], [Seen::GivenUp(..)]), "{seen:?}");
-    assert_eq!((bus.controller(node).tec, bus.error_frames), (16, 2));
-}
-
-#[test]
 fn one_identifier_with_different_data_destroys_both() {
     let mut bus = bus(1);
     let nodes = [bus.attach(false), bus.attach(false)];
