@@ -27,6 +27,9 @@ use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SaveTimer, Stored, compile};
 use crate::time::Instant;
 
+/// Attempts for a frame of the driving dialect: a destroyed one is not repeated, see [`Node::poll_tx`].
+const STATUS_ATTEMPTS: u8 = 1;
+
 /// One controller, apart from its engine and its hardware.
 #[derive(Clone, Debug)]
 pub struct Node {
@@ -283,10 +286,13 @@ impl Node {
             snapshot,
         };
         let frame = self.dialect.encode(now, &view)?;
+        // Two devices of one number send their status under one identifier. Once they start at the same
+        // moment with different data they destroy each other, and would do so again at every repetition
+        // until both are error passive. The next period brings a new frame anyway.
         Some(Transmission {
             frame,
             tag: Tag(Answer::Other),
-            attempts: Attempts::UntilSent,
+            attempts: Attempts::AtMost(STATUS_ATTEMPTS),
         })
     }
 
