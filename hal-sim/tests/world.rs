@@ -222,6 +222,28 @@ fn two_nodes_of_one_number_are_told_apart_and_renumbered() {
 }
 
 #[test]
+fn nodes_of_one_number_stay_on_the_bus() {
+    // Their status frames share identifiers, and the noise on the current makes their data differ.
+    for seed in 1..=5 {
+        let config = WorldConfig {
+            seed,
+            ..WorldConfig::default()
+        };
+        let mut bench = Bench::with(config, &["dmc60c:0"; 4]);
+        bench.enumerate();
+        let sessions = [0, 1, 2, 3].map(|index| bench.truth(index).session);
+        bench.run(20_000);
+        for (index, session) in sessions.into_iter().enumerate() {
+            assert_eq!(
+                bench.truth(index).session,
+                session,
+                "node {index}, seed {seed}"
+            );
+        }
+    }
+}
+
+#[test]
 fn settings_survive_a_power_cycle_and_the_encoder_count_does_not() {
     let mut bench = Bench::new(&["dmc60c:5"]);
     let node = bench.enumerate()[0];
