@@ -298,15 +298,13 @@ impl Node {
 
     /// A transmission has ended.
     pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
-        if tag.0 == Answer::Enumerate0 {
-            let sent = outcome == TxOutcome::Sent;
-            self.management.enumerate_0_ended(sent);
-            if !sent && self.management.session().is_some() {
-                // Somebody answered at the same moment under the same number: most likely with the
-                // same session id, so that the next delay would collide again.
+        match (tag.0, outcome) {
+            (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
+            (Answer::Enumerate0, TxOutcome::Failed) => {
                 let session = self.draw_session(now);
-                self.management.renew_session(session);
+                self.management.enumerate_0_destroyed(now, session);
             }
+            (Answer::Other, _) => {}
         }
     }
 
