@@ -1,123 +1,18 @@
 //! The whole bench: real nodes on the virtual bus, in virtual time.
 
-use windlass_core::dialect::dmc60c::wire::{self, Control0, ModeSelect, StatusGeneral};
+mod bench;
+
+use bench::Bench;
+use windlass_core::dialect::dmc60c::wire::{self, ModeSelect, StatusGeneral};
 use windlass_core::engine::command::Neutral;
 use windlass_core::engine::snapshot::{DriveState, Fault};
 use windlass_core::frame::Frame;
 use windlass_core::frc_id;
 use windlass_core::management::vendor::{Command, CommandCode, PinTest, TestPin};
-use windlass_core::management::wire::{
-    EnumerateResponse0, EnumerateResponse1, ImageType, ParameterResponse, ParameterSet,
-    VendorCommand, VendorStatus, id,
-};
+use windlass_core::management::wire::{EnumerateResponse0, EnumerateResponse1, ImageType, id};
 use windlass_core::params::table::ParameterId;
 use windlass_core::time::{Duration, Instant, TICK};
-use windlass_sim::{ParticipantId, Poke, Received, Source, Truth, World, WorldConfig, replay};
-
-/// A world with one tool, and helpers of a user's length.
-struct Bench {
-    world: World,
-    tool: ParticipantId,
-}
-
-impl Bench {
-    fn new(nodes: &[&str]) -> Self {
-        Self::with(WorldConfig::default(), nodes)
-    }
-
-    fn with(config: WorldConfig, nodes: &[&str]) -> Self {
-        let mut world = World::new(config);
-        for node in nodes {
-            world.add_node(node.parse().unwrap());
-        }
-        let tool = world.join("test");
-        Self { world, tool }
-    }
-
-    fn run(&mut self, millis: u32) {
-        self.world.advance(Duration::from_millis(millis));
-    }
-
-    fn truth(&self, index: usize) -> Truth {
-        self.world.node(index).unwrap().truth()
-    }
-
-    fn poke(&mut self, index: usize, poke: Poke) {
-        self.world.node_mut(index).unwrap().poke(poke);
-    }
-
-    fn drain(&mut self) -> Vec<Received> {
-        std::iter::from_fn(|| self.world.receive(self.tool)).collect()
-    }
-
-    /// Frames of one kind received since the last look.
-    fn of_kind(&mut self, base: u32) -> Vec<Received> {
-        let mut frames = self.drain();
-        frames.retain(|received| frc_id::base(received.frame.raw_id()) == base);
-        frames
-    }
-
-    /// Number and session of every node that answers.
-    fn enumerate(&mut self) -> Vec<(u8, u16)> {
-        self.drain();
-        self.world
-            .send(self.tool, Frame::extended(id::ENUMERATE, []));
-        self.run(150);
-        self.of_kind(id::ENUMERATE_RESPONSE)
-            .iter()
-            .filter_map(|received| {
-                let answer = EnumerateResponse0::parse(&received.frame)?;
-                Some((frc_id::number(received.frame.raw_id()), answer.session))
-            })
-            .collect()
-    }
-
-    fn drive(&mut self, number: u8, mode: ModeSelect, target: i32) {
-        let control = Control0 {
-            mode,
-            target,
-            ..Control0::default()
-        };
-        self.world.send(self.tool, control.emit(number));
-    }
-
-    /// Drives for a while with a control frame every 20 ms.
-    fn drive_for(&mut self, number: u8, mode: ModeSelect, target: i32, millis: u32) {
-        for _ in 0..millis / 20 {
-            self.drive(number, mode, target);
-            self.run(20);
-        }
-    }
-
-    fn command(&mut self, (number, session): (u8, u16), command: Command, one: u16) -> u16 {
-        self.drain();
-        let request = VendorCommand {
-            session,
-            command: command.code(),
-            param1: one,
-            param2: 0,
-        };
-        self.world.send(self.tool, request.emit(number));
-        self.run(30);
-        let status = self.of_kind(id::VENDOR_STATUS);
-        assert_eq!(status.len(), 1, "one answer to {command:?}");
-        VendorStatus::parse(&status[0].frame).unwrap().code
-    }
-
-    fn set(&mut self, (number, session): (u8, u16), parameter: ParameterId, value: u32) {
-        self.drain();
-        let request = ParameterSet {
-            session,
-            parameter: parameter as u8,
-            value,
-        };
-        self.world.send(self.tool, request.emit(number));
-        self.run(20);
-        let answers = self.of_kind(id::PARAMETER_RESPONSE);
-        let answer = ParameterResponse::parse(&answers[0].frame).unwrap();
-        assert_eq!((answer.code, answer.value), (0, value));
-    }
-}
+use windlass_sim::{Poke, Source, WorldConfig, replay};
 
 #[test]
 fn a_node_enumerates() {
@@ -366,6 +261,23 @@ fn heat_and_low_voltage_are_seen_by_the_node() {
     assert_eq!(bench.truth(0).faults, 0);
     bench.run(200);
     assert_eq!(bench.truth(0).faults, Fault::UnderVoltage.bit());
+}
+
+#[test]
+fn impossible_numbers_change_nothing() {
+    let mut bench = Bench::new(&["dmc60c:5"]);
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        bench.poke(0, Poke::BatteryVolts(Some(value)));
+        bench.poke(0, Poke::TemperatureCelsius(Some(value)));
+        bench.poke(0, Poke::AnalogVolts(Some(value)));
+        bench.poke(0, Poke::LoadNewtonMetres(value));
+    }
+    bench.run(10);
+    let truth = bench.truth(0);
+    assert!((truth.bus_v - 12.7).abs() < 0.01);
+    assert!((truth.temp_c - 25.0).abs() < 0.01);
+    assert!((truth.analog_v - 1.65).abs() < 0.01);
+    assert_eq!(truth.position_counts, 0);
 }
 
 #[test]

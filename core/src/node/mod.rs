@@ -14,7 +14,7 @@ pub use types::{
 };
 
 use crate::dialect::schedule::earlier;
-use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, View};
+use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, Outgoing, View};
 use crate::engine::command::{Command, DriveOpts, Setpoint};
 use crate::engine::settings::Settings;
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
@@ -27,7 +27,7 @@ use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SaveTimer, Stored, compile};
 use crate::time::Instant;
 
-/// Attempts for a frame of the driving dialect: a destroyed one is not repeated, see [`Node::poll_tx`].
+/// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
 const STATUS_ATTEMPTS: u8 = 1;
 
 /// One controller, apart from its engine and its hardware.
@@ -285,14 +285,17 @@ impl Node {
             params: &self.stored.params,
             snapshot,
         };
-        let frame = self.dialect.encode(now, &view)?;
-        // Two devices of one number send their status under one identifier. Once they start at the same
-        // moment with different data they destroy each other, and would do so again at every repetition
-        // until both are error passive. The next period brings a new frame anyway.
+        let (frame, attempts) = match self.dialect.encode(now, &view)? {
+            Outgoing::Answer(frame) => (frame, Attempts::UntilSent),
+            // Two devices of one number send their status under one identifier. Once they start at the
+            // same moment with different data they destroy each other, and would do so again at every
+            // repetition until both are error passive. The next period brings a new frame anyway.
+            Outgoing::Status(frame) => (frame, Attempts::AtMost(STATUS_ATTEMPTS)),
+        };
         Some(Transmission {
             frame,
             tag: Tag(Answer::Other),
-            attempts: Attempts::AtMost(STATUS_ATTEMPTS),
+            attempts,
         })
     }
 
