@@ -41,6 +41,12 @@ pub(crate) fn frame_bits(shape: Shape) -> u64 {
     shape.stuffed + TRAILER
 }
 
+/// Bit times for which a frame occupies the bus, with its stuff bits and the gap of three bits after it.
+#[must_use]
+pub fn occupied_bits(frame: &Frame) -> u64 {
+    frame_bits(Shape::of(frame)) + INTERMISSION
+}
+
 /// The arbitration field as one number that orders frames as the bus does, see [`Shape::key`].
 pub(crate) fn arbitration_key(frame: &Frame) -> u32 {
     let remote = u32::from(frame.is_remote());
