@@ -6,7 +6,7 @@ use windlass_core::params::table::{Parameter, TABLE};
 
 use super::output::{self, say};
 use super::{Failure, Global, Kind, Outcome};
-use crate::client::{Selector, Value, find_parameter};
+use crate::client::{Error, Selector, Value, find_parameter, is_own};
 
 /// Arguments of `windlass param`.
 #[derive(Clone, Debug, Args)]
@@ -60,7 +60,12 @@ fn get(selector: &Selector, names: &[String], global: &Global) -> Result<Outcome
     let address = client.find(selector)?.address;
     let mut values = Vec::new();
     for row in rows {
-        values.push(client.parameter(address, row.id)?);
+        match client.parameter(address, row.id) {
+            Ok(value) => values.push(value),
+            // This project's own parameters are unknown to other firmware; only who names one is told.
+            Err(Error::Refused { .. }) if names.is_empty() && is_own(row) => {}
+            Err(error) => return Err(error.into()),
+        }
     }
     if global.json {
         let list: Vec<Json> = values.iter().map(|value| describe(*value)).collect();

@@ -12,7 +12,7 @@ use windlass_core::params::table::{ParameterId, TABLE};
 use super::connect::{Connection, devices};
 use super::output::{self, say};
 use super::{Failure, Global, Outcome, faults};
-use crate::client::{Device, Error, PinTestResult, Selector, Value, Version};
+use crate::client::{Device, Error, PinTestResult, Selector, Value, Version, is_own};
 
 /// How long status frames are counted.
 const WATCH_TIME: Duration = Duration::from_millis(1000);
@@ -135,7 +135,7 @@ fn check_parameters(client: &mut Connection, device: Device) -> Result<Check, Fa
         match client.parameter(device.address, row.id) {
             Ok(value) if row.kind.allows(value.raw) => read += 1,
             Ok(_) => bad.push(row.name),
-            Err(Error::Refused { .. }) if row.id.code() >= 128 => {}
+            Err(Error::Refused { .. }) if is_own(row) => {}
             Err(Error::Refused { .. }) => bad.push(row.name),
             Err(error) => return Err(error.into()),
         }

@@ -65,6 +65,11 @@ pub fn find_parameter(text: &str) -> Result<&'static Parameter, ValueError> {
     found.ok_or_else(|| unknown_parameter(text, &wanted))
 }
 
+/// Whether a parameter is this project's own and so unknown to the vendor's firmware.
+pub(crate) const fn is_own(row: &Parameter) -> bool {
+    row.id.code() >= 128
+}
+
 fn plain_name(name: &str) -> String {
     let name = name.to_ascii_lowercase();
     name.strip_prefix("param").unwrap_or(&name).to_owned()

@@ -30,7 +30,8 @@ impl SocketCanBus {
     /// # Errors
     /// No CAN support in the kernel, or no such interface.
     pub fn open(interface: &str) -> Result<Self, BusError> {
-        let socket = CanSocket::open(interface).map_err(|error| open_error(interface, &error))?;
+        let socket = CanSocket::open(interface)
+            .map_err(|error| open_error(interface, &without_can_support().unwrap_or(error)))?;
         Ok(Self {
             socket,
             interface: interface.to_owned(),
@@ -88,6 +89,13 @@ impl Bus for SocketCanBus {
     fn now(&self) -> Duration {
         self.opened.elapsed()
     }
+}
+
+/// The kernel's error if it has no CAN sockets at all. Opening a named interface looks the name up first
+/// and would blame that; interface 0 stands for all.
+fn without_can_support() -> Option<io::Error> {
+    let error = CanSocket::open_iface(0).err()?;
+    (error.raw_os_error() == Some(ADDRESS_FAMILY_NOT_SUPPORTED)).then_some(error)
 }
 
 /// The frame as this project's type; `None` for the kernel's error frames.
