@@ -1,6 +1,261 @@
-//! Dialects.
+//! Dialects: how a controller is spoken to.
+//!
+//! A dialect decodes frames into intents and encodes status frames from the snapshot. It holds only what
+//! its protocol needs to remember; it never touches the engine, and the engine never names a dialect.
+//! `docs/new-dialect.md` adds one step by step.
 
-pub mod dmc60c;
+use embedded_can::Id;
 
-/// Number of dialects.
-pub const COUNT: usize = 1;
+use crate::engine::command::{DriveOpts, Setpoint};
+use crate::engine::settings::Policy;
+use crate::engine::snapshot::Snapshot;
+use crate::frame::Frame;
+use crate::params::Params;
+use crate::time::Instant;
+use crate::units::Duty;
+
+pub mod schedule;
+
+/// Why a frame that was meant for this device was not obeyed. Each reason has its counter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bad {
+    /// The data length is not the one that the protocol demands.
+    Length,
+    /// A remote frame where a data frame is expected.
+    Remote,
+    /// The session id is not the present one.
+    Session,
+    /// Data that no command has asked for.
+    Unexpected,
+}
+
+/// What a driving frame asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Intent {
+    /// Drive like this from now on; restarts the heartbeat, or switches off with [`Setpoint::Off`].
+    Drive(Setpoint, DriveOpts),
+    /// The followed controller reports its duty cycle.
+    MasterReport(Duty),
+}
+
+/// A question about a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Read the parameter with this number.
+    Read(u8),
+    /// Write the parameter with this number.
+    Write(u8, u32),
+}
+
+/// The answer to a [`Request`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Number of the parameter.
+    pub parameter: u8,
+    /// Value in force, or why there is none.
+    pub result: Result<u32, crate::management::vendor::ParameterError>,
+}
+
+/// What a frame turned out to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decoded {
+    /// Nothing for this device.
+    Ignored,
+    /// A driving frame.
+    Intent(Intent),
+    /// A question about a parameter.
+    Request(Request),
+    /// A frame for this device that changes nothing.
+    Bad(Bad),
+}
+
+/// What a dialect may look at when it encodes.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// This device's number.
+    pub number: u8,
+    /// Parameters.
+    pub params: &'a Params,
+    /// State of the drive.
+    pub snapshot: &'a Snapshot,
+}
+
+/// A driving dialect.
+pub trait Dialect {
+    /// Name for people and for the command line.
+    const NAME: &'static str;
+
+    /// When the drive stops and resumes under this dialect.
+    const POLICY: Policy;
+
+    /// True if frames with this identifier mean anything to device `number`; also the source of
+    /// hardware filters.
+    fn accepts(&self, number: u8, id: Id) -> bool;
+
+    /// Reads one frame that [`Dialect::accepts`] has let through.
+    fn decode(&mut self, number: u8, frame: &Frame) -> Decoded;
+
+    /// Takes the outcome of a [`Decoded::Request`], to be answered by [`Dialect::encode`].
+    fn answer(&mut self, outcome: Outcome);
+
+    /// The bus has appeared: periodic frames start.
+    fn start(&mut self, now: Instant, params: &Params);
+
+    /// The bus is lost: nothing is owed to anybody any more.
+    fn stop(&mut self);
+
+    /// The next frame to send, an answer owed or a periodic frame that is due.
+    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame>;
+
+    /// When [`Dialect::encode`] has something to send next.
+    fn next_deadline(&self) -> Option<Instant>;
+}
+
+/// Declares the modules, the enums and the dispatch of all dialects, so that a new one is one file and
+/// one entry in the list below. The position in the list is the value of the dialect parameter.
+macro_rules! dialects {
+    ($( $(#[$meta:meta])* $module:ident :: $dialect:ident ),* $(,)?) => {
+        $( $(#[$meta])* pub mod $module; )*
+
+        /// The dialects of this build. The discriminant is the value of `paramDialect`.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum DialectKind {
+            $(
+                $(#[$meta])*
+                #[doc = concat!("See [`", stringify!($module), "`].")]
+                $dialect,
+            )*
+        }
+
+        /// Every dialect of this build.
+        pub const ALL: &[DialectKind] = &[ $( $(#[$meta])* DialectKind::$dialect, )* ];
+
+        impl DialectKind {
+            /// The dialect's name.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::NAME, )*
+                }
+            }
+
+            /// The dialect's stopping and resuming rules.
+            #[must_use]
+            pub const fn policy(self) -> Policy {
+                match self {
+                    $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::POLICY, )*
+                }
+            }
+        }
+
+        /// Any dialect, chosen at run time.
+        #[derive(Clone, Debug)]
+        pub enum AnyDialect {
+            $(
+                $(#[$meta])*
+                #[doc = concat!("See [`", stringify!($module), "`].")]
+                $dialect($module::$dialect),
+            )*
+        }
+
+        impl AnyDialect {
+            /// A dialect before the bus has appeared.
+            #[must_use]
+            pub fn new(kind: DialectKind) -> Self {
+                match kind {
+                    $( $(#[$meta])* DialectKind::$dialect => Self::$dialect($module::$dialect::default()), )*
+                }
+            }
+
+            /// Which one it is.
+            #[must_use]
+            pub const fn kind(&self) -> DialectKind {
+                match self {
+                    $( $(#[$meta])* Self::$dialect(_) => DialectKind::$dialect, )*
+                }
+            }
+
+            /// See [`Dialect::accepts`].
+            #[must_use]
+            pub fn accepts(&self, number: u8, id: Id) -> bool {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.accepts(number, id), )* }
+            }
+
+            /// See [`Dialect::decode`].
+            pub fn decode(&mut self, number: u8, frame: &Frame) -> Decoded {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.decode(number, frame), )* }
+            }
+
+            /// See [`Dialect::answer`].
+            pub fn answer(&mut self, outcome: Outcome) {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.answer(outcome), )* }
+            }
+
+            /// See [`Dialect::start`].
+            pub fn start(&mut self, now: Instant, params: &Params) {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.start(now, params), )* }
+            }
+
+            /// See [`Dialect::stop`].
+            pub fn stop(&mut self) {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.stop(), )* }
+            }
+
+            /// See [`Dialect::encode`].
+            pub fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame> {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.encode(now, view), )* }
+            }
+
+            /// See [`Dialect::next_deadline`].
+            #[must_use]
+            pub fn next_deadline(&self) -> Option<Instant> {
+                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.next_deadline(), )* }
+            }
+        }
+    };
+}
+
+dialects! {
+    dmc60c::Dmc60c,
+    #[cfg(feature = "example-dialect")]
+    minimal::Minimal,
+}
+
+/// Number of dialects of this build.
+pub const COUNT: usize = ALL.len();
+
+impl DialectKind {
+    /// The dialect with this value of `paramDialect`.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        ALL.get(usize::try_from(code).ok()?).copied()
+    }
+
+    /// The value of `paramDialect`.
+    #[must_use]
+    pub const fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// The dialect with this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        ALL.iter().copied().find(|kind| kind.name() == name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_and_names_find_their_dialect() {
+        for kind in ALL {
+            assert_eq!(DialectKind::from_code(kind.code()), Some(*kind));
+            assert_eq!(DialectKind::from_name(kind.name()), Some(*kind));
+        }
+        assert_eq!(DialectKind::from_code(COUNT as u32), None);
+        assert_eq!(DialectKind::from_name("no such dialect"), None);
+        assert_eq!(DialectKind::Dmc60c.code(), 0);
+    }
+}

@@ -51,8 +51,9 @@ pub enum Setpoint {
     Current(Amps),
     /// Constant output voltage whatever the bus voltage is.
     Voltage(Volts),
-    /// The duty cycle that another controller reports, see [`Command::master`].
-    Follow,
+    /// The duty cycle that another controller reports, see [`Command::master`]. The number tells which
+    /// controller; when it changes, what the one before has reported is void.
+    Follow(u8),
     /// The duty cycle that the RC-PWM input asks for; the source of drive while there is no CAN bus.
     Pulse,
 }
@@ -66,7 +67,7 @@ impl Setpoint {
             Self::Duty(duty) => duty != Duty::ZERO,
             Self::Velocity(counts) | Self::Position(counts) => counts != 0,
             Self::Current(value) | Self::Voltage(value) => value != 0,
-            Self::Follow | Self::Pulse => true,
+            Self::Follow(_) | Self::Pulse => true,
         }
     }
 }

@@ -1,4 +1,448 @@
-//! The management channel.
+//! The management channel: discovery, identity, parameters and maintenance, the same whatever dialect
+//! drives. It speaks the DMC60C's enumeration, vendor commands and parameter frames.
+//!
+//! [`Management`] decodes frames into [`Request`]s and holds the answers until they can be sent. It does
+//! not execute anything: the node does, and hands back the outcome.
 
 pub mod vendor;
 pub mod wire;
+
+#[cfg(test)]
+mod tests;
+
+use heapless::{Deque, Vec};
+use vendor::{Command, CommandCode, Descriptor, PinTest, TestPin};
+use wire::{
+    EnumerateResponse0, EnumerateResponse1, FirmwareVersions, ImageType, ParameterRequest,
+    ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
+};
+
+use crate::dialect::{Bad, Outcome, Request as ParameterQuery};
+use crate::frame::Frame;
+use crate::frc_id::{base, number, with_number};
+use crate::params::store::{Descriptors, Text};
+use crate::time::{Duration, Instant};
+
+/// Capacity for bulk data to the device: the longest string with its terminator.
+const DATA_OUT_CAPACITY: usize = crate::params::store::TEXT_CAPACITY + 1;
+
+/// Capacity for bulk data to the host: all six descriptors with identifier and length each.
+const DATA_IN_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
+
+/// Parameter answers that may wait for the bus at one time; a host that sends more than this without
+/// waiting for answers loses some.
+const ANSWER_CAPACITY: usize = 8;
+
+/// Attempts for an enumeration answer: a destroyed one is sent once more (docs/dmc60c.md).
+pub const ENUMERATION_ATTEMPTS: u8 = 2;
+
+/// Unit of the enumeration delay (docs/dmc60c.md).
+const DELAY_UNIT: Duration = crate::time::TICK;
+
+/// A request of the host, checked, to be executed by the node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Enumerate.
+    Enumerate,
+    /// Read or write a parameter.
+    Parameter(ParameterQuery),
+    /// Store the device number, 1 to 63.
+    SetNumber(u8),
+    /// Store a descriptor.
+    SetDescriptor(Descriptor, Text),
+    /// Show the identify pattern.
+    Identify,
+    /// Send the descriptors.
+    GetDescriptors,
+    /// Send the firmware versions.
+    GetVersions,
+    /// Send the flash sequence number.
+    GetSequence,
+    /// Restart into the bootloader.
+    EnterBootloader,
+    /// Restart.
+    SoftReset,
+    /// Test the expansion header.
+    PinTest(PinTest),
+}
+
+/// What a frame turned out to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Decoded {
+    /// Not for the management channel.
+    NotMine,
+    /// Handled, nothing to execute.
+    Done,
+    /// To be executed.
+    Request(Request),
+    /// A frame for this device that changes nothing.
+    Bad(Bad),
+}
+
+/// Which answer of the management channel a transmission carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// First enumeration answer: the second may follow once it has been sent.
+    Enumerate0,
+    /// Any other.
+    Other,
+}
+
+/// Bulk data transfer of a vendor command.
+#[derive(Clone, Debug, Default)]
+enum Transfer {
+    #[default]
+    None,
+    /// Data to the device.
+    Out {
+        which: Descriptor,
+        expected: usize,
+        data: Vec<u8, DATA_OUT_CAPACITY>,
+    },
+    /// Data to the host.
+    In {
+        data: Vec<u8, DATA_IN_CAPACITY>,
+        sent: usize,
+    },
+}
+
+/// Progress of an enumeration. The number is kept so that both answers carry the same one.
+#[derive(Clone, Copy, Debug)]
+enum Enumeration {
+    Idle,
+    Waiting { due: Instant },
+    FirstOnTheWay { number: u8 },
+    SecondReady { number: u8 },
+}
+
+/// State of the management channel.
+#[derive(Clone, Debug)]
+pub struct Management {
+    session: Option<u16>,
+    image: ImageType,
+    enumeration: Enumeration,
+    status: Option<VendorStatus>,
+    transfer: Transfer,
+    answers: Deque<ParameterResponse, ANSWER_CAPACITY>,
+}
+
+impl Management {
+    /// A channel that waits for a bus.
+    #[must_use]
+    pub const fn new(image: ImageType) -> Self {
+        Self {
+            session: None,
+            image,
+            enumeration: Enumeration::Idle,
+            status: None,
+            transfer: Transfer::None,
+            answers: Deque::new(),
+        }
+    }
+
+    /// The session id; none while no bus is seen.
+    #[must_use]
+    pub const fn session(&self) -> Option<u16> {
+        self.session
+    }
+
+    /// The bus has appeared under this session id, which may not be 0.
+    pub fn start(&mut self, session: u16) {
+        self.session = Some(session);
+    }
+
+    /// The bus is lost: session, transfers and pending answers are void.
+    pub fn stop(&mut self) {
+        *self = Self::new(self.image);
+    }
+
+    /// The session id becomes another one on the same bus.
+    pub fn renew_session(&mut self, session: u16) {
+        self.session = self.session.map(|_| session);
+    }
+
+    /// Reads one frame. `own` is the present device number.
+    pub fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
+        let Some(id) = frame.extended_id() else {
+            return Decoded::NotMine;
+        };
+        let is_application = self.image == ImageType::Application;
+        match base(id) {
+            id::ENUMERATE if frame.is_remote() => Decoded::Bad(Bad::Remote),
+            id::ENUMERATE => Decoded::Request(Request::Enumerate),
+            _ if number(id) != own => Decoded::NotMine,
+            id::PARAMETER_REQUEST | id::PARAMETER_SET if !is_application => Decoded::NotMine,
+            id::VENDOR_COMMAND
+            | id::VENDOR_DATA_OUT
+            | id::PARAMETER_REQUEST
+            | id::PARAMETER_SET
+                if frame.is_remote() =>
+            {
+                Decoded::Bad(Bad::Remote)
+            }
+            id::VENDOR_COMMAND => self.vendor_command(frame),
+            id::VENDOR_DATA_OUT => self.data_out(frame.data()),
+            id::PARAMETER_REQUEST => match ParameterRequest::parse(frame) {
+                Some(request) => {
+                    self.for_session(request.session, ParameterQuery::Read(request.parameter))
+                }
+                None => Decoded::Bad(Bad::Length),
+            },
+            id::PARAMETER_SET => match ParameterSet::parse(frame) {
+                Some(set) => {
+                    self.for_session(set.session, ParameterQuery::Write(set.parameter, set.value))
+                }
+                None => Decoded::Bad(Bad::Length),
+            },
+            _ => Decoded::NotMine,
+        }
+    }
+
+    fn for_session(&self, session: u16, query: ParameterQuery) -> Decoded {
+        if self.session == Some(session) {
+            Decoded::Request(Request::Parameter(query))
+        } else {
+            Decoded::Bad(Bad::Session)
+        }
+    }
+
+    fn vendor_command(&mut self, frame: &Frame) -> Decoded {
+        let Some(command) = VendorCommand::parse(frame) else {
+            return Decoded::Bad(Bad::Length);
+        };
+        if self.session != Some(command.session) {
+            return Decoded::Bad(Bad::Session);
+        }
+        // A new command ends whatever the one before has left (guide, "Vendor Commands").
+        self.status = None;
+        self.transfer = Transfer::None;
+        let request = match Command::from_code(command.command) {
+            None | Some(Command::EraseWriteFlashPage) => {
+                self.finish(CommandCode::NotSupported);
+                return Decoded::Done;
+            }
+            Some(Command::SetDeviceNumber) => match u8::try_from(command.param1) {
+                Ok(new @ 1..=wire::MAX_DEVICE_NUMBER) => Request::SetNumber(new),
+                _ => {
+                    self.finish(CommandCode::BadParameter);
+                    return Decoded::Done;
+                }
+            },
+            Some(Command::SetDescriptor(which)) => {
+                let expected = usize::from(command.param1);
+                if expected == 0 || expected > which.capacity() + 1 {
+                    self.finish(CommandCode::BadParameter);
+                } else {
+                    self.transfer = Transfer::Out {
+                        which,
+                        expected,
+                        data: Vec::new(),
+                    };
+                }
+                return Decoded::Done;
+            }
+            Some(Command::FlashLeds) => Request::Identify,
+            Some(Command::GetDescriptors) => Request::GetDescriptors,
+            Some(Command::GetFirmwareVersion) => Request::GetVersions,
+            Some(Command::GetFlashSequence) => Request::GetSequence,
+            Some(Command::EnterBootloader) => {
+                if self.image != ImageType::Application {
+                    self.finish(CommandCode::InBootloader);
+                    return Decoded::Done;
+                }
+                Request::EnterBootloader
+            }
+            Some(Command::SoftReset) => Request::SoftReset,
+            Some(Command::PinTest(test)) => Request::PinTest(test),
+        };
+        Decoded::Request(request)
+    }
+
+    fn data_out(&mut self, bytes: &[u8]) -> Decoded {
+        let Transfer::Out {
+            which,
+            expected,
+            data,
+        } = &mut self.transfer
+        else {
+            return Decoded::Bad(Bad::Unexpected);
+        };
+        if data.len() + bytes.len() > *expected || data.extend_from_slice(bytes).is_err() {
+            self.transfer = Transfer::None;
+            self.finish(CommandCode::DataReceivedMore);
+            return Decoded::Done;
+        }
+        if data.len() < *expected {
+            return Decoded::Done;
+        }
+        // The last byte is the terminator, whatever was sent in its place.
+        let end = data
+            .iter()
+            .position(|byte| *byte == 0)
+            .unwrap_or(*expected - 1);
+        let text = Text::from_slice(data.get(..end).unwrap_or(&[])).unwrap_or_default();
+        let request = Request::SetDescriptor(*which, text);
+        self.transfer = Transfer::None;
+        Decoded::Request(request)
+    }
+
+    /// Ends a vendor command with a code and no data.
+    pub fn finish(&mut self, code: CommandCode) {
+        self.status = Some(VendorStatus {
+            code: code as u16,
+            byte_count: 0,
+        });
+    }
+
+    /// Ends a pin test.
+    pub fn finish_pin_test(&mut self, failed: Option<TestPin>) {
+        let code = match failed {
+            None => CommandCode::TestPassed as u16,
+            Some(pin) => CommandCode::TestFailed as u16 | (pin as u16) << 8,
+        };
+        self.status = Some(VendorStatus {
+            code,
+            byte_count: 0,
+        });
+    }
+
+    /// Ends a vendor command with data for the host.
+    fn send(&mut self, data: Vec<u8, DATA_IN_CAPACITY>) {
+        let byte_count = data.len() as u16;
+        self.status = Some(VendorStatus {
+            code: CommandCode::NoError as u16,
+            byte_count,
+        });
+        self.transfer = Transfer::In { data, sent: 0 };
+    }
+
+    /// Sends the descriptors as a stream of identifier, length and text.
+    pub fn send_descriptors(&mut self, descriptors: &Descriptors) {
+        let mut data = Vec::new();
+        for which in Descriptor::ALL {
+            let text = descriptors.get(which);
+            // The capacity is the sum of all longest texts, so nothing is ever cut here.
+            let _ = data.push(which as u8);
+            let _ = data.push(text.len() as u8);
+            let _ = data.extend_from_slice(text);
+        }
+        self.send(data);
+    }
+
+    /// Sends the firmware versions (`FWVERRSP`).
+    pub fn send_versions(&mut self, versions: FirmwareVersions) {
+        self.send(Vec::from_slice(&versions.to_bytes()).unwrap_or_default());
+    }
+
+    /// Sends the flash sequence number, low byte first.
+    pub fn send_sequence(&mut self, sequence: u32) {
+        self.send(Vec::from_slice(&sequence.to_le_bytes()).unwrap_or_default());
+    }
+
+    /// Answers a parameter request; false if too many answers are waiting.
+    pub fn answer_parameter(&mut self, outcome: Outcome) -> bool {
+        let (value, code) = match outcome.result {
+            Ok(value) => (value, 0),
+            Err(error) => (0, error as u8),
+        };
+        let response = ParameterResponse {
+            parameter: outcome.parameter,
+            value,
+            code,
+        };
+        self.answers.push_back(response).is_ok()
+    }
+
+    /// An enumeration request has come. A request during a pending answer is dropped.
+    ///
+    /// Numbered devices wait twice their number, others seven bits of their session id, in units of
+    /// 500 µs; 0 becomes 1.
+    pub fn enumerate(&mut self, now: Instant, own: u8) {
+        let (Enumeration::Idle, Some(session)) = (self.enumeration, self.session) else {
+            return;
+        };
+        let units = if own == 0 {
+            u32::from(session & 0x7F)
+        } else {
+            2 * u32::from(own)
+        };
+        let delay = Duration::from_micros(u64::from(units.max(1)) * DELAY_UNIT.as_micros());
+        self.enumeration = Enumeration::Waiting { due: now + delay };
+    }
+
+    /// The next frame to send. Status goes before data, and both before parameters and enumeration.
+    pub fn encode(
+        &mut self,
+        now: Instant,
+        own: u8,
+        product_id: u32,
+        versions: FirmwareVersions,
+    ) -> Option<(Frame, Answer)> {
+        let session = self.session?;
+        if let Some(status) = self.status.take() {
+            return Some((status.emit(own), Answer::Other));
+        }
+        if let Some(frame) = self.data_in(own) {
+            return Some((frame, Answer::Other));
+        }
+        if let Some(response) = self.answers.pop_front() {
+            return Some((response.emit(own), Answer::Other));
+        }
+        match self.enumeration {
+            Enumeration::Waiting { due } if due <= now => {
+                self.enumeration = Enumeration::FirstOnTheWay { number: own };
+                let response = EnumerateResponse0 {
+                    session,
+                    product_id,
+                };
+                Some((response.emit(own), Answer::Enumerate0))
+            }
+            Enumeration::SecondReady { number } => {
+                self.enumeration = Enumeration::Idle;
+                let response = EnumerateResponse1 { session, versions };
+                Some((response.emit(number), Answer::Other))
+            }
+            _ => None,
+        }
+    }
+
+    fn data_in(&mut self, own: u8) -> Option<Frame> {
+        let Transfer::In { data, sent } = &mut self.transfer else {
+            return None;
+        };
+        let rest = data.get(*sent..)?;
+        let chunk = rest.get(..rest.len().min(8))?;
+        let id = with_number(id::VENDOR_DATA_IN, own);
+        let frame = Frame::new(embedded_can::ExtendedId::new(id)?, chunk)?;
+        *sent += chunk.len();
+        if *sent >= data.len() {
+            self.transfer = Transfer::None;
+        }
+        Some(frame)
+    }
+
+    /// The first enumeration answer has been sent, or was destroyed too often.
+    pub fn enumerate_0_ended(&mut self, sent: bool) {
+        if let Enumeration::FirstOnTheWay { number } = self.enumeration {
+            self.enumeration = if sent {
+                Enumeration::SecondReady { number }
+            } else {
+                Enumeration::Idle
+            };
+        }
+    }
+
+    /// When [`Management::encode`] has something to send next.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Instant> {
+        let owed = self.status.is_some()
+            || matches!(self.transfer, Transfer::In { .. })
+            || !self.answers.is_empty();
+        match self.enumeration {
+            _ if owed => Some(Instant::ZERO),
+            Enumeration::Waiting { due } => Some(due),
+            Enumeration::SecondReady { .. } => Some(Instant::ZERO),
+            Enumeration::Idle | Enumeration::FirstOnTheWay { .. } => None,
+        }
+    }
+}

@@ -1,3 +1,249 @@
-//! The DMC60C dialect.
+//! The DMC60C dialect: control frame in, three periodic status frames out.
+//!
+//! Source: DMC60C CAN Protocol Guide, "Output Control Protocol" and "Periodic Status Frames", with the
+//! decisions of `docs/dmc60c.md`. Parameters and everything else belong to the management channel.
 
 pub mod wire;
+
+#[cfg(test)]
+mod tests;
+
+use embedded_can::Id;
+use wire::{
+    Control0, ModeSelect, StatusAnalog, StatusEncoder, StatusGeneral, SwitchFlags, id,
+};
+
+use super::schedule::{Periodic, earlier};
+use super::{Bad, Decoded, Dialect, Intent, Outcome, View};
+use crate::engine::command::{DriveOpts, LimitOverride, Neutral, Setpoint, Slot};
+use crate::engine::settings::{Policy, Resume};
+use crate::engine::snapshot::{Fault, LimitStatus, Mode};
+use crate::field::{I24_MAX, I24_MIN, divide_on_overflow, saturate_i16};
+use crate::frame::Frame;
+use crate::frc_id::{NUMBER_MASK, base, number};
+use crate::params::Params;
+use crate::params::table::ParameterId;
+use crate::time::{Duration, Instant, TICKS_PER_MS};
+use crate::units::{Amps, Duty, Volts};
+
+/// What the dialect remembers.
+#[derive(Clone, Debug, Default)]
+pub struct Dmc60c {
+    /// Number of the controller that is followed.
+    master: Option<u8>,
+    general: Periodic,
+    encoder: Periodic,
+    analog: Periodic,
+}
+
+impl Dialect for Dmc60c {
+    const NAME: &'static str = "dmc60c";
+
+    /// Heartbeat and follower timeout 104 ms, fault state 3 s (guide, "Output Control Protocol" and
+    /// `paramActiveFaults`).
+    const POLICY: Policy = Policy {
+        command_timeout_ticks: (104 * TICKS_PER_MS) as u16,
+        master_timeout_ticks: (104 * TICKS_PER_MS) as u16,
+        fault_hold_ticks: (3000 * TICKS_PER_MS) as u16,
+        resume: Resume::NonZeroSetpoint,
+    };
+
+    fn accepts(&self, own: u8, id: Id) -> bool {
+        let Id::Extended(id) = id else { return false };
+        let id = id.as_raw();
+        id == id::CONTROL_0 | u32::from(own)
+            || (base(id) == id::STATUS_GENERAL && self.master == Some(number(id)))
+    }
+
+    fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
+        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
+        if frame.is_remote() {
+            return Decoded::Bad(Bad::Remote);
+        }
+        if base(id) == id::STATUS_GENERAL {
+            return match StatusGeneral::parse(frame) {
+                Some(status) => Decoded::Intent(Intent::MasterReport(Duty::new(status.duty))),
+                None => Decoded::Bad(Bad::Length),
+            };
+        }
+        if number(id) != own {
+            return Decoded::Ignored;
+        }
+        let Some(control) = Control0::parse(frame) else { return Decoded::Bad(Bad::Length) };
+        let setpoint = setpoint(&control);
+        self.master = match setpoint {
+            Setpoint::Follow(master) => Some(master),
+            _ => None,
+        };
+        Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)))
+    }
+
+    /// Parameters are the management channel's; this dialect asks nothing.
+    fn answer(&mut self, _: Outcome) {}
+
+    fn start(&mut self, now: Instant, params: &Params) {
+        self.general.start(now, period(params, ParameterId::GeneralPeriod));
+        self.encoder.start(now, period(params, ParameterId::EncoderPeriod));
+        self.analog.start(now, period(params, ParameterId::AnalogPeriod));
+    }
+
+    fn stop(&mut self) {
+        *self = Self::default();
+    }
+
+    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame> {
+        if self.general.take(now, period(view.params, ParameterId::GeneralPeriod)) {
+            Some(status_general(view).emit(view.number))
+        } else if self.encoder.take(now, period(view.params, ParameterId::EncoderPeriod)) {
+            Some(status_encoder(view).emit(view.number))
+        } else if self.analog.take(now, period(view.params, ParameterId::AnalogPeriod)) {
+            Some(status_analog(view).emit(view.number))
+        } else {
+            None
+        }
+    }
+
+    fn next_deadline(&self) -> Option<Instant> {
+        earlier(self.general.due(), earlier(self.encoder.due(), self.analog.due()))
+    }
+}
+
+fn period(params: &Params, id: ParameterId) -> Duration {
+    Duration::from_millis(params.get(id))
+}
+
+/// The setpoint of a control frame. Reserved modes are taken as `modeNoDrive` (docs/dmc60c.md).
+fn setpoint(control: &Control0) -> Setpoint {
+    match control.mode {
+        // The duty cycle stands in trgtM and trgtL alone; trgtH is whatever the client's sign
+        // extension made of it.
+        ModeSelect::Voltage => Setpoint::Duty(Duty::new(control.target as i16)),
+        ModeSelect::Velocity => Setpoint::Velocity(control.target),
+        ModeSelect::Position => Setpoint::Position(control.target),
+        ModeSelect::Current => Setpoint::Current(Amps::from_bits(control.target)),
+        ModeSelect::VoltageCompensation => Setpoint::Voltage(Volts::from_bits(control.target)),
+        ModeSelect::Follower => Setpoint::Follow((control.target as u32 & NUMBER_MASK) as u8),
+        ModeSelect::NoDrive | ModeSelect::Reserved(_) => Setpoint::Off,
+    }
+}
+
+fn drive_opts(control: &Control0) -> DriveOpts {
+    let neutral = if control.brake { Neutral::Brake } else { Neutral::Coast };
+    DriveOpts {
+        slot: if control.slot_1 { Slot::One } else { Slot::Zero },
+        neutral: control.override_neutral.then_some(neutral),
+        limits: LimitOverride {
+            enabled: control.override_limits,
+            disable_forward: control.disable_forward_limit,
+            disable_reverse: control.disable_reverse_limit,
+        },
+        reverse_sensor: control.reverse_sensor,
+        reverse_motor: control.reverse_motor,
+        ramp: control.ramp,
+    }
+}
+
+/// `STSGENERAL` of the present state.
+#[must_use]
+pub fn status_general(view: &View<'_>) -> StatusGeneral {
+    let (snapshot, params) = (view.snapshot, view.params);
+    let limits = snapshot.opts.limits;
+    let (error, error_divided) = error_field(snapshot.mode, snapshot.error);
+    StatusGeneral {
+        duty: snapshot.duty().units(),
+        forward: switch_flags(
+            snapshot.pins.forward_limit,
+            &snapshot.forward,
+            params.flag(ParameterId::ForwardLimitDisabled),
+            params.flag(ParameterId::ForwardLimitNormallyClosed),
+        ),
+        reverse: switch_flags(
+            snapshot.pins.reverse_limit,
+            &snapshot.reverse,
+            params.flag(ParameterId::ReverseLimitDisabled),
+            params.flag(ParameterId::ReverseLimitNormallyClosed),
+        ),
+        limit_override: limits.enabled,
+        forward_disable_override: limits.disable_forward,
+        reverse_disable_override: limits.disable_reverse,
+        soft_forward_hit: snapshot.forward.soft_hit,
+        soft_forward_enabled: params.flag(ParameterId::SoftForwardEnable),
+        soft_reverse_hit: snapshot.reverse.soft_hit,
+        soft_reverse_enabled: params.flag(ParameterId::SoftReverseEnable),
+        current_limited: snapshot.current_limited,
+        over_temperature: snapshot.faults.contains(Fault::OverTemperature),
+        under_voltage: snapshot.faults.contains(Fault::UnderVoltage),
+        gate_driver: snapshot.faults.contains(Fault::GateDriver),
+        mode: mode_select(snapshot.mode),
+        error_divided,
+        error,
+    }
+}
+
+fn switch_flags(
+    pin: bool,
+    status: &LimitStatus,
+    disabled: bool,
+    normally_closed: bool,
+) -> SwitchFlags {
+    SwitchFlags { pin, hit: status.switch_hit, disabled, normally_closed }
+}
+
+const fn mode_select(mode: Mode) -> ModeSelect {
+    match mode {
+        Mode::Duty => ModeSelect::Voltage,
+        Mode::Velocity => ModeSelect::Velocity,
+        Mode::Position => ModeSelect::Position,
+        Mode::Current => ModeSelect::Current,
+        Mode::Voltage => ModeSelect::VoltageCompensation,
+        Mode::Follow => ModeSelect::Follower,
+        Mode::Pulse | Mode::Off => ModeSelect::NoDrive,
+    }
+}
+
+/// The error field and `fDivErrBy256`: 24 bits wide, but clients read only 16 of them in voltage mode,
+/// and nothing while following or off.
+fn error_field(mode: Mode, error: i32) -> (i32, bool) {
+    match mode {
+        Mode::Duty => divide_on_overflow(error, i32::from(i16::MIN), i32::from(i16::MAX), 8),
+        Mode::Velocity | Mode::Position | Mode::Current | Mode::Voltage => {
+            divide_on_overflow(error, I24_MIN, I24_MAX, 8)
+        }
+        Mode::Follow | Mode::Pulse | Mode::Off => (0, false),
+    }
+}
+
+/// `STSENCODER` of the present state.
+#[must_use]
+pub fn status_encoder(view: &View<'_>) -> StatusEncoder {
+    let snapshot = view.snapshot;
+    let (position, position_divided) = divide_on_overflow(snapshot.position, I24_MIN, I24_MAX, 3);
+    let (velocity, velocity_divided) =
+        divide_on_overflow(snapshot.velocity, i32::from(i16::MIN), i32::from(i16::MAX), 2);
+    StatusEncoder {
+        position,
+        position_divided,
+        velocity: saturate_i16(velocity),
+        velocity_divided,
+        pin_a: snapshot.pins.encoder_a,
+        pin_b: snapshot.pins.encoder_b,
+        pin_index: snapshot.pins.encoder_index,
+    }
+}
+
+/// `STSANALOG` of the present state.
+#[must_use]
+pub fn status_analog(view: &View<'_>) -> StatusAnalog {
+    let snapshot = view.snapshot;
+    StatusAnalog {
+        analog_in: to_8_8(snapshot.analog_in),
+        current: to_8_8(snapshot.current),
+        temperature: to_8_8(snapshot.temperature),
+        bus_voltage: to_8_8(snapshot.bus_voltage),
+    }
+}
+
+/// 16.16 to 8.8, rounded down, saturated.
+fn to_8_8(value: fixed::types::I16F16) -> i16 {
+    saturate_i16(value.to_bits() >> 8)
+}

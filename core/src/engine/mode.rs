@@ -1,0 +1,294 @@
+//! When the drive runs: one state machine with one transition function, and the timeouts that feed it.
+//!
+//! Faults are not part of it. They keep the output off whatever the state is, and the state goes on
+//! following the commands meanwhile, so that the drive resumes as the policy says.
+
+use super::command::{Command, MasterReport, Setpoint};
+use super::settings::{Policy, Resume};
+use super::snapshot::{DriveState, Mode, Pulse};
+use crate::time::TICKS_PER_MS;
+use crate::units::Duty;
+
+/// What happened to the drive in one tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The self-check ended well.
+    Ready,
+    /// A command with a non-zero setpoint, or any command where the policy resumes on any.
+    Drive,
+    /// A driving command with setpoint zero.
+    Zero,
+    /// A command to switch off.
+    Halt,
+    /// No command within the policy's time.
+    Timeout,
+}
+
+/// The state after `event`.
+#[must_use]
+pub const fn transition(state: DriveState, event: Event) -> DriveState {
+    match (state, event) {
+        (DriveState::SelfCheck, Event::Ready) => DriveState::Halted,
+        (DriveState::SelfCheck, _) => DriveState::SelfCheck,
+        (DriveState::Halted | DriveState::Running, Event::Drive) => DriveState::Running,
+        (DriveState::Halted | DriveState::Running, Event::Halt | Event::Timeout) => {
+            DriveState::Halted
+        }
+        (DriveState::Halted | DriveState::Running, Event::Zero | Event::Ready) => state,
+    }
+}
+
+/// Follows the commands: restarts and expires the heartbeat.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Liveness {
+    sequence: u32,
+    heartbeat: u16,
+    expired: bool,
+}
+
+impl Liveness {
+    /// No command yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            sequence: 0,
+            heartbeat: 0,
+            expired: false,
+        }
+    }
+
+    /// One tick; gives what the command means for the state, if anything.
+    pub fn update(
+        &mut self,
+        policy: &Policy,
+        command: &Command,
+        pulse_valid: bool,
+    ) -> Option<Event> {
+        if command.sequence != self.sequence {
+            self.sequence = command.sequence;
+            self.expired = false;
+            let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
+            self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
+            return Some(match command.setpoint {
+                Setpoint::Off | Setpoint::Pulse => Event::Halt,
+                setpoint if setpoint.is_nonzero() => Event::Drive,
+                _ => match policy.resume {
+                    Resume::NonZeroSetpoint => Event::Zero,
+                    Resume::AnyCommand => Event::Drive,
+                },
+            });
+        }
+        if matches!(command.setpoint, Setpoint::Pulse) {
+            return Some(if pulse_valid {
+                Event::Drive
+            } else {
+                Event::Halt
+            });
+        }
+        if self.heartbeat > 0 {
+            self.heartbeat -= 1;
+            if self.heartbeat == 0 {
+                self.expired = true;
+                return Some(Event::Timeout);
+            }
+        }
+        None
+    }
+
+    /// True from a timeout until the next command: the command's options are void.
+    #[must_use]
+    pub const fn has_expired(&self) -> bool {
+        self.expired
+    }
+
+    /// The setpoint in force: off unless a driving command is alive.
+    #[must_use]
+    pub const fn setpoint(&self, command: &Command) -> Setpoint {
+        match command.setpoint {
+            Setpoint::Pulse => Setpoint::Pulse,
+            setpoint if self.heartbeat > 0 => setpoint,
+            _ => Setpoint::Off,
+        }
+    }
+}
+
+/// The mode that drives a setpoint.
+#[must_use]
+pub const fn mode_of(setpoint: Setpoint) -> Mode {
+    match setpoint {
+        Setpoint::Off => Mode::Off,
+        Setpoint::Duty(_) => Mode::Duty,
+        Setpoint::Velocity(_) => Mode::Velocity,
+        Setpoint::Position(_) => Mode::Position,
+        Setpoint::Current(_) => Mode::Current,
+        Setpoint::Voltage(_) => Mode::Voltage,
+        Setpoint::Follow(_) => Mode::Follow,
+        Setpoint::Pulse => Mode::Pulse,
+    }
+}
+
+/// Follows the reports of the controller that is followed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Follower {
+    master: Option<u8>,
+    sequence: u32,
+    ticks_left: u16,
+}
+
+impl Follower {
+    /// Nobody followed.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            master: None,
+            sequence: 0,
+            ticks_left: 0,
+        }
+    }
+
+    /// One tick; gives the duty cycle to copy, zero once the reports have stopped.
+    pub fn update(&mut self, policy: &Policy, setpoint: Setpoint, report: MasterReport) -> Duty {
+        let master = match setpoint {
+            Setpoint::Follow(master) => Some(master),
+            _ => None,
+        };
+        if master != self.master {
+            self.master = master;
+            self.ticks_left = 0;
+        }
+        if report.sequence != self.sequence {
+            self.sequence = report.sequence;
+            self.ticks_left = policy.master_timeout_ticks;
+        } else {
+            self.ticks_left = self.ticks_left.saturating_sub(1);
+        }
+        if self.ticks_left > 0 {
+            report.duty
+        } else {
+            Duty::ZERO
+        }
+    }
+}
+
+/// A pulse must come at least this often (longest period of the DMC60C's hardware reference manual).
+const PULSE_TIMEOUT_TICKS: u16 = (100 * TICKS_PER_MS) as u16;
+/// Accepted pulse widths in µs (hardware reference manual).
+const PULSE_ACCEPTED: core::ops::RangeInclusive<u16> = 600..=2400;
+/// Width of neutral, and distance to full forward and full reverse, in µs.
+const PULSE_CENTRE: i32 = 1500;
+const PULSE_SPAN: i32 = 500;
+/// Dead band: 4 % of the span to either side of the centre, in µs.
+const PULSE_DEAD_BAND: i32 = PULSE_SPAN * 4 / 100;
+
+/// Follows the RC-PWM input.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PulseInput {
+    count: u16,
+    ticks_left: u16,
+    duty: Duty,
+}
+
+impl PulseInput {
+    /// No pulse yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            count: 0,
+            ticks_left: 0,
+            duty: Duty::ZERO,
+        }
+    }
+
+    /// One tick. Pulses outside the accepted widths are ignored and do not keep the input alive.
+    pub fn update(&mut self, pulse: Pulse) {
+        if pulse.count != self.count && PULSE_ACCEPTED.contains(&pulse.width_us) {
+            self.ticks_left = PULSE_TIMEOUT_TICKS;
+            self.duty = duty_of_pulse(pulse.width_us);
+        } else {
+            self.ticks_left = self.ticks_left.saturating_sub(1);
+        }
+        self.count = pulse.count;
+    }
+
+    /// True while pulses arrive.
+    #[must_use]
+    pub const fn is_valid(&self) -> bool {
+        self.ticks_left > 0
+    }
+
+    /// The duty cycle asked for.
+    #[must_use]
+    pub const fn duty(&self) -> Duty {
+        self.duty
+    }
+}
+
+/// 1.0 ms is full reverse, 1.5 ms neutral, 2.0 ms full forward.
+fn duty_of_pulse(width_us: u16) -> Duty {
+    let offset = (i32::from(width_us) - PULSE_CENTRE).clamp(-PULSE_SPAN, PULSE_SPAN);
+    if offset.abs() < PULSE_DEAD_BAND {
+        Duty::ZERO
+    } else {
+        Duty::saturating(offset * i32::from(i16::MAX) / PULSE_SPAN)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use DriveState::{Halted, Running, SelfCheck};
+
+    #[test]
+    fn transition_table() {
+        use Event::{Drive, Halt, Ready, Timeout, Zero};
+        let table = [
+            (
+                SelfCheck,
+                [SelfCheck, SelfCheck, SelfCheck, SelfCheck, Halted],
+            ),
+            (Halted, [Running, Halted, Halted, Halted, Halted]),
+            (Running, [Running, Running, Halted, Halted, Running]),
+        ];
+        for (state, expected) in table {
+            let got = [Drive, Zero, Halt, Timeout, Ready].map(|event| transition(state, event));
+            assert_eq!(got, expected, "{state:?}");
+        }
+    }
+
+    #[test]
+    fn pulse_widths_map_to_duty() {
+        let table = [
+            (1000, -32767),
+            (1250, -16383),
+            (1481, 0),
+            (1500, 0),
+            (1519, 0),
+            (1520, 1310),
+            (1750, 16383),
+            (2000, 32767),
+            (2400, 32767),
+            (600, -32767),
+        ];
+        for (width, duty) in table {
+            assert_eq!(duty_of_pulse(width), Duty::new(duty), "{width} us");
+        }
+    }
+
+    #[test]
+    fn pulse_input_ends_100_ms_after_the_last_valid_pulse() {
+        let mut input = PulseInput::default();
+        input.update(Pulse {
+            width_us: 1750,
+            count: 1,
+        });
+        for tick in 1..=200 {
+            assert!(input.is_valid(), "tick {tick}");
+            // A pulse of nonsense width must not keep the input alive.
+            input.update(Pulse {
+                width_us: 2500,
+                count: 1 + tick,
+            });
+        }
+        assert!(!input.is_valid());
+    }
+}

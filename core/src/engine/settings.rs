@@ -1,0 +1,208 @@
+//! Everything that is configured, in the units that a tick needs.
+//!
+//! Parameters are compiled into [`Settings`] outside the tick, whenever one changes; the tick gets the
+//! whole value and so never sees half a change. Raw 16.16 numbers stand here as `i32` because the
+//! control path multiplies them with integers.
+
+use super::command::Neutral;
+use super::pidf::Gains;
+use crate::time::TICKS_PER_MS;
+
+/// A linear conversion of a 12-bit sample: `offset + gain × sample`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Linear {
+    /// Result at sample 0, 16.16.
+    pub offset: i32,
+    /// Result of one step, in units of 2⁻²⁰; at most 2¹⁹ so that the product of a sample fits 32 bits.
+    pub gain: i32,
+}
+
+impl Linear {
+    /// The converted sample, 16.16.
+    #[must_use]
+    pub fn convert(self, sample: u16) -> i32 {
+        let product = self.gain.wrapping_mul(i32::from(sample & 0x0FFF));
+        self.offset.wrapping_add(product >> 4)
+    }
+}
+
+/// When a fault is recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Thresholds {
+    /// Over-current: size of the current, 16.16 A …
+    pub over_current: i32,
+    /// … for this many ticks.
+    pub over_current_ticks: u16,
+    /// Over-current as well: the current conversion at either end of its range for this many ticks.
+    pub current_rail_ticks: u16,
+    /// Over-temperature, 16.16 °C …
+    pub over_temperature: i32,
+    /// … for this many ticks.
+    pub over_temperature_ticks: u16,
+    /// The duty cycle is derated from here (full) up to `over_temperature` (none), 16.16 °C.
+    pub derate_from: i32,
+    /// Under-voltage: bus voltage below this, 16.16 V …
+    pub under_voltage: i32,
+    /// … for this many ticks.
+    pub under_voltage_ticks: u16,
+}
+
+/// What a board is: conversion factors of its analog inputs and its limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Board {
+    /// Bus voltage in volts.
+    pub bus_voltage: Linear,
+    /// Case temperature in degrees Celsius.
+    pub temperature: Linear,
+    /// AIN1 in volts.
+    pub analog_in: Linear,
+    /// Fault thresholds.
+    pub thresholds: Thresholds,
+}
+
+impl Board {
+    /// The reference board: the bench's plant, and the DMC60C's limits.
+    ///
+    /// Analog inputs have 12 bits over 3.3 V: bus voltage behind a divider of 11 : 1 (36.3 V full scale),
+    /// a temperature sensor of 0.5 V at 0 °C and 10 mV/°C, AIN1 direct. Under-voltage is the guide's
+    /// (`paramUnderVoltageStkyFltCnt`); the other thresholds are decisions of `docs/dmc60c.md`: the
+    /// sense range ends at ±64.7 A, so over-current is 62 A for 4 s, or the conversion at a rail for 1 s.
+    pub const DMC60C: Self = Self {
+        bus_voltage: Linear {
+            offset: 0,
+            gain: 9293,
+        },
+        temperature: Linear {
+            offset: -50 << 16,
+            gain: 84_480,
+        },
+        analog_in: Linear {
+            offset: 0,
+            gain: 845,
+        },
+        thresholds: Thresholds {
+            over_current: 62 << 16,
+            over_current_ticks: (4000 * TICKS_PER_MS) as u16,
+            current_rail_ticks: (1000 * TICKS_PER_MS) as u16,
+            over_temperature: 105 << 16,
+            over_temperature_ticks: 4,
+            derate_from: 85 << 16,
+            under_voltage: (575 << 16) / 100,
+            under_voltage_ticks: (5000 * TICKS_PER_MS) as u16,
+        },
+    };
+}
+
+/// Which command ends the halted state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Resume {
+    /// Only one with a non-zero setpoint (DMC60C guide, "Output Control Protocol").
+    #[default]
+    NonZeroSetpoint,
+    /// Any driving command.
+    AnyCommand,
+}
+
+/// When the drive stops by itself and when it goes on: the part of a dialect that the engine obeys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Policy {
+    /// Ticks without a driving command after which the output is switched off.
+    pub command_timeout_ticks: u16,
+    /// Ticks without a report of the followed controller after which the duty cycle is zero.
+    pub master_timeout_ticks: u16,
+    /// Ticks that a fault keeps the output off after it was last seen.
+    pub fault_hold_ticks: u16,
+    /// What ends the halted state.
+    pub resume: Resume,
+}
+
+/// One gain slot: control law and shaping of its output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlotSettings {
+    /// Control law.
+    pub gains: Gains,
+    /// Largest change of the duty cycle per tick, throttle units; 0 = at once.
+    pub ramp: i32,
+    /// Largest forward duty cycle, 0 to 32767.
+    pub forward_max: i32,
+    /// Largest reverse duty cycle, −32768 to 0.
+    pub reverse_max: i32,
+    /// Smallest forward duty cycle that is applied while the error exceeds the allowable error.
+    pub forward_nominal: i32,
+    /// The same for reverse, −32768 to 0.
+    pub reverse_nominal: i32,
+}
+
+/// Current limiter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CurrentLimit {
+    /// The limiter works.
+    pub enabled: bool,
+    /// Limiting begins above this current, 16.16 A …
+    pub begin_above: i32,
+    /// … seen for more than this many ticks without a break.
+    pub begin_after_ticks: u32,
+    /// Current to hold, 16.16 A.
+    pub continuous: i32,
+    /// Control law, its output being a cap on the size of the duty cycle.
+    pub gains: Gains,
+}
+
+/// One limit switch with its soft limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LimitSettings {
+    /// The switch opens when it is hit.
+    pub normally_closed: bool,
+    /// The switch does not limit.
+    pub switch_disabled: bool,
+    /// The soft limit works.
+    pub soft_enabled: bool,
+    /// Position at which the soft limit acts, counts.
+    pub soft_threshold: i32,
+    /// The switch clears the position while it is hit.
+    pub clears_position: bool,
+}
+
+/// What the index pin does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IndexSettings {
+    /// An edge clears the position.
+    pub clears_position: bool,
+    /// The edge is a rising one.
+    pub rising: bool,
+}
+
+/// Everything configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Stopping and resuming.
+    pub policy: Policy,
+    /// The two gain slots.
+    pub slots: [SlotSettings; 2],
+    /// Current limiter.
+    pub current_limit: CurrentLimit,
+    /// Forward limits.
+    pub forward: LimitSettings,
+    /// Reverse limits.
+    pub reverse: LimitSettings,
+    /// Index pin.
+    pub index: IndexSettings,
+    /// Neutral behaviour while no command overrides it.
+    pub neutral: Neutral,
+    /// Current of one conversion step, 16.16 A.
+    pub current_multiplier: i32,
+    /// Board.
+    pub board: Board,
+}
+
+impl Settings {
+    /// Settings of the given slot.
+    #[must_use]
+    pub const fn slot(&self, slot: super::command::Slot) -> &SlotSettings {
+        let [zero, one] = &self.slots;
+        match slot {
+            super::command::Slot::Zero => zero,
+            super::command::Slot::One => one,
+        }
+    }
+}

@@ -1,0 +1,643 @@
+//! The ring that joins the layers of one controller: frames in, commands and settings out, frames out.
+//!
+//! A node runs in thread mode. It holds the management channel, the driving dialect, the parameters and
+//! the command that the control tick reads; the engine itself runs elsewhere and is known only by its
+//! [`Snapshot`].
+
+use crate::dialect::schedule::earlier;
+use crate::dialect::{AnyDialect, Bad, Decoded, DialectKind, Intent, Outcome, Request, View};
+use crate::engine::command::{Command, DriveOpts, SetPosition, Setpoint};
+use crate::engine::settings::{Board, Settings};
+use crate::engine::snapshot::{Actuation, Fault, Snapshot};
+use crate::frame::Frame;
+use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
+use crate::management::vendor::{CommandCode, ParameterError, PinTest, TestPin};
+use crate::management::wire::{FirmwareVersions, ImageType};
+use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management};
+use crate::params::table::ParameterId;
+use crate::params::{FaultLog, SaveTimer, Stored, compile};
+use crate::time::Instant;
+
+/// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md).
+pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
+
+/// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Handover {
+    /// Session id that goes on.
+    pub session: u16,
+    /// The bootloader is to stay instead of starting the application.
+    pub stay_in_bootloader: bool,
+}
+
+/// What a node is made from.
+#[derive(Clone, Copy, Debug)]
+pub struct NodeConfig {
+    /// Conversion factors and limits of the board.
+    pub board: Board,
+    /// `pdid` of the enumeration answer.
+    pub product_id: u32,
+    /// Application version (`fwverApp`), major and minor byte; 0xFFFF if there is no application.
+    pub application_version: u16,
+    /// Bootloader version (`fwverBoot`).
+    pub bootloader_version: u16,
+    /// Which image runs.
+    pub image: ImageType,
+    /// Differs from board to board; session ids are drawn from it and the time.
+    pub seed: u32,
+    /// Left by the image before, if it restarted on purpose.
+    pub handover: Option<Handover>,
+}
+
+impl NodeConfig {
+    /// A DMC60C application with the versions of the guide's cover page (1.23 and 1.9).
+    #[must_use]
+    pub const fn dmc60c(seed: u32) -> Self {
+        Self {
+            board: Board::DMC60C,
+            product_id: PRODUCT_DMC60C,
+            application_version: 0x0117,
+            bootloader_version: 0x0109,
+            image: ImageType::Application,
+            seed,
+            handover: None,
+        }
+    }
+}
+
+/// How often a frame may be sent before it is given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attempts {
+    /// Until it gets through.
+    UntilSent,
+    /// Given up once it has been destroyed this often. Waiting for a busy bus is no attempt.
+    AtMost(u8),
+}
+
+/// Tells the node which of its frames a result belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tag(Answer);
+
+/// A frame to send.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transmission {
+    /// The frame.
+    pub frame: Frame,
+    /// To be handed back with the result.
+    pub tag: Tag,
+    /// How hard to try.
+    pub attempts: Attempts,
+}
+
+/// What became of a transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TxOutcome {
+    /// Sent and acknowledged.
+    Sent,
+    /// Destroyed more often than allowed, or flushed.
+    Failed,
+}
+
+/// What the platform has to do for the node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Keep [`Node::stored`], then call [`Node::saved`].
+    Save,
+    /// Restart with this handover.
+    Reset(Handover),
+    /// Test the expansion header, then call [`Node::pin_test_done`].
+    PinTest(PinTest),
+}
+
+/// Frames counted by what became of them; all wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames received, for whomever.
+    pub received: u32,
+    /// Frames that meant nothing to this device.
+    pub ignored: u32,
+    /// Refused for their data length.
+    pub bad_length: u32,
+    /// Refused because they were remote frames.
+    pub remote: u32,
+    /// Refused for another session id.
+    pub wrong_session: u32,
+    /// Refused because nothing had asked for them.
+    pub unexpected: u32,
+    /// Parameter answers that found no place.
+    pub answers_lost: u32,
+    /// Losses of the bus.
+    pub bus_losses: u32,
+}
+
+impl Counters {
+    fn count_bad(&mut self, bad: Bad) {
+        let counter = match bad {
+            Bad::Length => &mut self.bad_length,
+            Bad::Remote => &mut self.remote,
+            Bad::Session => &mut self.wrong_session,
+            Bad::Unexpected => &mut self.unexpected,
+        };
+        *counter = counter.wrapping_add(1);
+    }
+}
+
+/// One controller, apart from its engine and its hardware.
+#[derive(Clone, Debug)]
+pub struct Node {
+    config: NodeConfig,
+    management: Management,
+    dialect: AnyDialect,
+    stored: Stored,
+    settings: Settings,
+    command: Command,
+    faults: FaultLog,
+    counters: Counters,
+    save_timer: SaveTimer,
+    save_now: bool,
+    reset: Option<Handover>,
+    pin_test: Option<PinTest>,
+    identify_since: Option<Instant>,
+    random: u32,
+}
+
+impl Node {
+    /// A node that starts at `now`. `stored` is what was kept last, or nothing on a blank board.
+    #[must_use]
+    pub fn new(now: Instant, config: &NodeConfig, stored: Option<&Stored>) -> Self {
+        let stored = match stored {
+            Some(stored) => Stored {
+                params: stored.params.persistent(),
+                ..stored.clone()
+            },
+            None => Stored::default(),
+        };
+        let kind = DialectKind::from_code(stored.params.get(ParameterId::Dialect))
+            .unwrap_or(DialectKind::Dmc60c);
+        let settings = compile::settings(&stored.params, &config.board, &kind.policy());
+        let mut node = Self {
+            config: *config,
+            management: Management::new(config.image),
+            dialect: AnyDialect::new(kind),
+            faults: FaultLog::new(&stored),
+            stored,
+            settings,
+            command: Command {
+                setpoint: Setpoint::Pulse,
+                ..Command::default()
+            },
+            counters: Counters::default(),
+            save_timer: SaveTimer::default(),
+            save_now: false,
+            reset: None,
+            pin_test: None,
+            identify_since: None,
+            random: config.seed,
+        };
+        if let Some(handover) = config.handover {
+            node.resume(now, handover);
+        }
+        node
+    }
+
+    /// Goes on in the session that asked for the restart, and acknowledges it without waiting for the bus.
+    fn resume(&mut self, now: Instant, handover: Handover) {
+        self.connect(now, handover.session);
+        match self.config.image {
+            ImageType::Application => self.management.finish(CommandCode::AcknowledgeReset),
+            _ if handover.stay_in_bootloader => self.management.finish(CommandCode::InBootloader),
+            // A reset that ends in the bootloader because there is no application is not answered.
+            _ => {}
+        }
+    }
+
+    /// Every frame that the controller receives, whomever it is for: the first one shows that there is a
+    /// bus.
+    pub fn on_frame(&mut self, now: Instant, frame: &Frame, snapshot: &Snapshot) {
+        self.counters.received = self.counters.received.wrapping_add(1);
+        if self.management.session().is_none() {
+            let session = self.draw_session(now);
+            self.connect(now, session);
+        }
+        match self.management.decode(self.stored.number, frame) {
+            management::Decoded::NotMine => self.drive_frame(now, frame, snapshot),
+            management::Decoded::Done => {}
+            management::Decoded::Request(request) => self.execute(now, request, snapshot),
+            management::Decoded::Bad(bad) => self.counters.count_bad(bad),
+        }
+    }
+
+    /// A frame that is not the management channel's.
+    fn drive_frame(&mut self, now: Instant, frame: &Frame, snapshot: &Snapshot) {
+        let number = self.stored.number;
+        let drives = self.config.image == ImageType::Application;
+        if !drives || !self.dialect.accepts(number, frame.id()) {
+            self.counters.ignored = self.counters.ignored.wrapping_add(1);
+            return;
+        }
+        match self.dialect.decode(number, frame) {
+            Decoded::Ignored => self.counters.ignored = self.counters.ignored.wrapping_add(1),
+            Decoded::Intent(Intent::Drive(setpoint, opts)) => self.drive(setpoint, opts),
+            Decoded::Intent(Intent::MasterReport(duty)) => {
+                self.command.master.duty = duty;
+                self.command.master.sequence = self.command.master.sequence.wrapping_add(1);
+            }
+            Decoded::Request(query) => {
+                let outcome = self.parameter(now, query, snapshot);
+                self.dialect.answer(outcome);
+            }
+            Decoded::Bad(bad) => self.counters.count_bad(bad),
+        }
+    }
+
+    fn drive(&mut self, setpoint: Setpoint, opts: DriveOpts) {
+        self.command.setpoint = setpoint;
+        self.command.opts = opts;
+        self.command.sequence = self.command.sequence.wrapping_add(1);
+    }
+
+    /// The controller has become error passive or bus-off and has flushed its transmit queue.
+    ///
+    /// Output off, session and transfers void, RC-PWM input in force until the next frame is received.
+    pub fn on_bus_lost(&mut self, now: Instant) {
+        if self.management.session().is_none() {
+            return;
+        }
+        self.management.stop();
+        self.dialect.stop();
+        self.drive(Setpoint::Pulse, DriveOpts::default());
+        self.counters.bus_losses = self.counters.bus_losses.wrapping_add(1);
+        self.faults.record(Fault::Communication);
+        self.faults_changed(now);
+    }
+
+    fn connect(&mut self, now: Instant, session: u16) {
+        self.management.start(session);
+        self.dialect.start(now, &self.stored.params);
+        self.drive(Setpoint::Off, DriveOpts::default());
+    }
+
+    /// Session ids are 16 bits of a 64 MHz timer on the DMC60C, and never 0. Here the board's seed and all
+    /// events so far take part, so that boards that were switched on together still differ.
+    fn draw_session(&mut self, now: Instant) -> u16 {
+        // Xorshift32 (Marsaglia 2003), whose state must not be 0.
+        let mut x = (self.random ^ now.as_micros() as u32).max(1);
+        x ^= x << 13;
+        x ^= x >> 17;
+        x ^= x << 5;
+        self.random = x;
+        ((x >> 16) as u16).max(1)
+    }
+
+    fn execute(&mut self, now: Instant, request: management::Request, snapshot: &Snapshot) {
+        use management::Request as R;
+        match request {
+            R::Enumerate => self.management.enumerate(now, self.stored.number),
+            R::Parameter(query) => {
+                let outcome = self.parameter(now, query, snapshot);
+                if !self.management.answer_parameter(outcome) {
+                    self.counters.answers_lost = self.counters.answers_lost.wrapping_add(1);
+                }
+            }
+            R::SetNumber(number) => {
+                self.stored.number = number;
+                self.identity_changed();
+            }
+            R::SetDescriptor(which, text) => {
+                self.stored.descriptors.set(which, &text);
+                self.identity_changed();
+            }
+            R::Identify => {
+                self.identify_since = Some(now);
+                self.management.finish(CommandCode::NoError);
+            }
+            R::GetDescriptors => self.management.send_descriptors(&self.stored.descriptors),
+            R::GetVersions => self.management.send_versions(self.versions()),
+            R::GetSequence => self.management.send_sequence(self.stored.sequence),
+            R::EnterBootloader => self.restart(now, true),
+            R::SoftReset => self.restart(now, false),
+            R::PinTest(test) => {
+                // The test drives the limit and encoder inputs, which a turning motor needs.
+                if matches!(snapshot.actuation, Actuation::Drive(_)) {
+                    self.management.finish(CommandCode::NotSupported);
+                } else {
+                    self.pin_test = Some(test);
+                }
+            }
+        }
+    }
+
+    /// Identity is written at once; the answer means that it has been.
+    fn identity_changed(&mut self) {
+        self.save_now = true;
+        self.management.finish(CommandCode::NoError);
+    }
+
+    fn restart(&mut self, now: Instant, stay_in_bootloader: bool) {
+        if let Some(session) = self.management.session() {
+            self.drive(Setpoint::Off, DriveOpts::default());
+            // A restart that was asked for loses no settings.
+            self.save_now |= self.save_timer.due().is_some_and(|due| due >= now);
+            self.reset = Some(Handover {
+                session,
+                stay_in_bootloader,
+            });
+        }
+    }
+
+    fn parameter(&mut self, now: Instant, query: Request, snapshot: &Snapshot) -> Outcome {
+        let (parameter, write) = match query {
+            Request::Read(parameter) => (parameter, None),
+            Request::Write(parameter, value) => (parameter, Some(value)),
+        };
+        let result = match (ParameterId::from_code(parameter), write) {
+            (None, _) => Err(ParameterError::BadParameter),
+            (Some(id), None) => Ok(self.read(id, snapshot)),
+            (Some(id), Some(value)) => self.write(now, id, value, snapshot),
+        };
+        Outcome { parameter, result }
+    }
+
+    /// The fault whose count a parameter shows.
+    fn counted_fault(id: ParameterId) -> Option<Fault> {
+        match id {
+            ParameterId::OverCurrentCount => Some(Fault::OverCurrent),
+            ParameterId::OverTemperatureCount => Some(Fault::OverTemperature),
+            ParameterId::UnderVoltageCount => Some(Fault::UnderVoltage),
+            ParameterId::GateDriverCount => Some(Fault::GateDriver),
+            ParameterId::CommunicationCount => Some(Fault::Communication),
+            _ => None,
+        }
+    }
+
+    fn read(&self, id: ParameterId, snapshot: &Snapshot) -> u32 {
+        match (id, Self::counted_fault(id)) {
+            (_, Some(fault)) => u32::from(self.faults.count(fault)),
+            (ParameterId::EncoderPosition, _) => snapshot.position as u32,
+            (ParameterId::ActiveFaults, _) => u32::from(snapshot.faults.bits()),
+            (ParameterId::StickyFaults, _) => u32::from(self.faults.sticky().bits()),
+            _ => self.stored.params.get(id),
+        }
+    }
+
+    /// Writes a parameter and gives its value in force; for faults and counts the value before it was
+    /// cleared (guide, `paramStickyFaults`).
+    fn write(
+        &mut self,
+        now: Instant,
+        id: ParameterId,
+        value: u32,
+        snapshot: &Snapshot,
+    ) -> Result<u32, ParameterError> {
+        match id {
+            ParameterId::EncoderPosition => {
+                self.command.set_position = SetPosition {
+                    counts: value as i32,
+                    generation: self.command.set_position.generation.wrapping_add(1),
+                };
+                return Ok(value);
+            }
+            ParameterId::ActiveFaults => return Ok(self.read(id, snapshot)),
+            ParameterId::StickyFaults => {
+                let before = self.read(id, snapshot);
+                if value != 0 && before != 0 {
+                    self.faults.clear_sticky();
+                    self.faults_changed(now);
+                }
+                return Ok(before);
+            }
+            _ => {}
+        }
+        if let Some(fault) = Self::counted_fault(id) {
+            let before = self.read(id, snapshot);
+            if value != 0 && before != 0 {
+                self.faults.clear_count(fault);
+                self.faults_changed(now);
+            }
+            return Ok(before);
+        }
+        match self.stored.params.set(id, value) {
+            Ok(changed) => {
+                if changed {
+                    self.parameter_changed(now, id);
+                }
+                Ok(value)
+            }
+            Err(_) => Err(ParameterError::BadValue),
+        }
+    }
+
+    fn parameter_changed(&mut self, now: Instant, id: ParameterId) {
+        use crate::params::table::Storage;
+        let policy = self.dialect.kind().policy();
+        self.settings = compile::settings(&self.stored.params, &self.config.board, &policy);
+        if id.row().storage == Storage::Persistent {
+            self.save_timer.changed(now);
+        }
+    }
+
+    fn faults_changed(&mut self, now: Instant) {
+        let (sticky, counts) = (self.faults.sticky(), self.faults.stored_counts());
+        if (sticky, counts) != (self.stored.sticky, self.stored.fault_counts) {
+            self.stored.sticky = sticky;
+            self.stored.fault_counts = counts;
+            self.save_timer.changed(now);
+        }
+    }
+
+    /// Once per control tick, after the engine: takes over its faults.
+    pub fn poll(&mut self, now: Instant, snapshot: &Snapshot) {
+        if self.faults.observe(snapshot) {
+            self.faults_changed(now);
+        }
+        if self
+            .identify_since
+            .is_some_and(|since| now.since(since) >= IDENTIFY_TIME)
+        {
+            self.identify_since = None;
+        }
+        if self.save_timer.due().is_some_and(|due| due <= now) {
+            self.save_now = true;
+        }
+    }
+
+    /// The next frame to send. To be called whenever the transmit mailbox is free: after
+    /// [`Node::poll`], after [`Node::on_frame`] and when a transmission has ended.
+    pub fn poll_tx(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Transmission> {
+        let number = self.stored.number;
+        let versions = self.versions();
+        let answer = self
+            .management
+            .encode(now, number, self.config.product_id, versions);
+        if let Some((frame, answer)) = answer {
+            let attempts = match answer {
+                Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
+                Answer::Other => Attempts::UntilSent,
+            };
+            return Some(Transmission {
+                frame,
+                tag: Tag(answer),
+                attempts,
+            });
+        }
+        if self.config.image != ImageType::Application {
+            return None;
+        }
+        let view = View {
+            number,
+            params: &self.stored.params,
+            snapshot,
+        };
+        let frame = self.dialect.encode(now, &view)?;
+        Some(Transmission {
+            frame,
+            tag: Tag(Answer::Other),
+            attempts: Attempts::UntilSent,
+        })
+    }
+
+    /// A transmission has ended.
+    pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
+        if tag.0 == Answer::Enumerate0 {
+            let sent = outcome == TxOutcome::Sent;
+            self.management.enumerate_0_ended(sent);
+            if !sent && self.management.session().is_some() {
+                // Somebody answered at the same moment under the same number: most likely with the
+                // same session id, so that the next delay would collide again.
+                let session = self.draw_session(now);
+                self.management.renew_session(session);
+            }
+        }
+    }
+
+    /// When [`Node::poll_tx`] or [`Node::poll`] have something to do next, apart from new frames and
+    /// faults.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Instant> {
+        let save = self.save_timer.due();
+        earlier(
+            self.management.next_deadline(),
+            earlier(self.dialect.next_deadline(), save),
+        )
+    }
+
+    /// What the platform has to do, one at a time, the settings before a restart.
+    pub fn take_action(&mut self) -> Option<Action> {
+        if self.save_now {
+            Some(Action::Save)
+        } else if let Some(test) = self.pin_test.take() {
+            Some(Action::PinTest(test))
+        } else {
+            self.reset.take().map(Action::Reset)
+        }
+    }
+
+    /// What is to be kept over a power cycle.
+    #[must_use]
+    pub fn stored(&self) -> Stored {
+        Stored {
+            params: self.stored.params.persistent(),
+            sequence: self.stored.sequence.wrapping_add(1),
+            ..self.stored.clone()
+        }
+    }
+
+    /// [`Node::stored`] has been kept.
+    pub fn saved(&mut self) {
+        self.stored.sequence = self.stored.sequence.wrapping_add(1);
+        self.save_now = false;
+        self.save_timer.saved();
+    }
+
+    /// A pin test has ended; `failed` names the last pin that failed it.
+    pub fn pin_test_done(&mut self, failed: Option<TestPin>) {
+        self.management.finish_pin_test(failed);
+    }
+
+    /// The brake/coast button has been pressed: the stored setting is toggled.
+    pub fn press_button(&mut self, now: Instant) {
+        let brakes = self.stored.params.flag(ParameterId::BrakeAtNeutral);
+        if self
+            .stored
+            .params
+            .set(ParameterId::BrakeAtNeutral, u32::from(!brakes))
+            == Ok(true)
+        {
+            self.parameter_changed(now, ParameterId::BrakeAtNeutral);
+        }
+    }
+
+    /// What the LEDs show.
+    #[must_use]
+    pub fn leds(&self, now: Instant, snapshot: &Snapshot) -> Leds {
+        led::leds(now, self.indication(now, snapshot), snapshot.neutral)
+    }
+
+    /// What the LEDs tell.
+    #[must_use]
+    pub fn indication(&self, now: Instant, snapshot: &Snapshot) -> Indication {
+        match self.identify_since {
+            Some(since) if now.since(since) < IDENTIFY_TIME => {
+                Indication::Identify(now.since(since))
+            }
+            _ if self.config.image != ImageType::Application => Indication::Bootloader,
+            _ => led::indication(self.session().is_some(), snapshot),
+        }
+    }
+
+    fn versions(&self) -> FirmwareVersions {
+        FirmwareVersions {
+            image: self.config.image,
+            application: self.config.application_version,
+            bootloader: self.config.bootloader_version,
+        }
+    }
+
+    /// What the next control tick is to do.
+    #[must_use]
+    pub const fn command(&self) -> &Command {
+        &self.command
+    }
+
+    /// What the next control tick is to obey.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Frames by what became of them.
+    #[must_use]
+    pub const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Device number, 0 = none assigned.
+    #[must_use]
+    pub const fn number(&self) -> u8 {
+        self.stored.number
+    }
+
+    /// Session id; none while no bus is seen.
+    #[must_use]
+    pub const fn session(&self) -> Option<u16> {
+        self.management.session()
+    }
+
+    /// The dialect that drives.
+    #[must_use]
+    pub const fn dialect(&self) -> DialectKind {
+        self.dialect.kind()
+    }
+
+    /// The image that runs.
+    #[must_use]
+    pub const fn image(&self) -> ImageType {
+        self.config.image
+    }
+
+    /// Sticky faults and counts.
+    #[must_use]
+    pub const fn faults(&self) -> &FaultLog {
+        &self.faults
+    }
+}
