@@ -251,7 +251,7 @@ async fn show_trace(
             "limit" => limit = query_integer(name, value, 1, LARGEST_LIMIT)?,
             _ => {
                 return Err(Refusal::bad_request(format!(
-                    "unknown query parameter \"{name}\"; known are since, limit"
+                    "unknown query parameter \"{name}\"; known: since, limit"
                 )));
             }
         }

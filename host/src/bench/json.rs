@@ -24,19 +24,26 @@ impl Fields {
                 "the body must be a JSON object, not {}",
                 kind(&other)
             ))),
-            Err(error) => Err(Refusal::bad_request(format!("the body is no JSON: {error}"))),
+            Err(error) => Err(Refusal::bad_request(format!(
+                "the body is no JSON: {error}"
+            ))),
         }
     }
 
     /// A field that is true or false.
     pub(super) fn boolean(&mut self, name: &'static str) -> Result<Option<bool>, Refusal> {
-        self.take(name, |value| match value {
-            Value::Bool(value) => Ok(value),
-            other => Err(format!("must be true or false, not {}", kind(&other))),
-        })
+        self.take(name, |value| boolean(&value))
     }
 
-    /// A field that is a number within `range`, in `unit`.
+    /// As [`Fields::boolean`], but `null` is allowed and gives `Some(None)`.
+    pub(super) fn boolean_or_null(
+        &mut self,
+        name: &'static str,
+    ) -> Result<Option<Option<bool>>, Refusal> {
+        self.take(name, |value| or_null(&value, boolean))
+    }
+
+    /// A field that is a number within `range`; messages name its `unit`.
     pub(super) fn number(
         &mut self,
         name: &'static str,
@@ -53,9 +60,8 @@ impl Fields {
         range: RangeInclusive<f64>,
         unit: &str,
     ) -> Result<Option<Option<f64>>, Refusal> {
-        self.take(name, |value| match value {
-            Value::Null => Ok(None),
-            value => number(&value, &range, unit).map(Some),
+        self.take(name, |value| {
+            or_null(&value, |value| number(value, &range, unit))
         })
     }
 
@@ -74,9 +80,8 @@ impl Fields {
         name: &'static str,
         range: RangeInclusive<u64>,
     ) -> Result<Option<Option<u64>>, Refusal> {
-        self.take(name, |value| match value {
-            Value::Null => Ok(None),
-            value => integer(&value, &range).map(Some),
+        self.take(name, |value| {
+            or_null(&value, |value| integer(value, &range))
         })
     }
 
@@ -93,7 +98,7 @@ impl Fields {
         match self.map.keys().next() {
             None => Ok(()),
             Some(name) => Err(Refusal::bad_request(format!(
-                "unknown field \"{name}\"; known are {}",
+                "unknown field \"{name}\"; known: {}",
                 self.known.join(", ")
             ))),
         }
@@ -118,6 +123,23 @@ pub(super) fn required<T>(name: &str, value: Option<T>) -> Result<T, Refusal> {
     value.ok_or_else(|| Refusal::bad_request(format!("field \"{name}\" is missing")))
 }
 
+fn or_null<T>(
+    value: &Value,
+    read: impl FnOnce(&Value) -> Result<T, String>,
+) -> Result<Option<T>, String> {
+    match value {
+        Value::Null => Ok(None),
+        value => read(value).map(Some),
+    }
+}
+
+fn boolean(value: &Value) -> Result<bool, String> {
+    match value {
+        Value::Bool(value) => Ok(*value),
+        other => Err(format!("must be true or false, not {}", kind(other))),
+    }
+}
+
 fn number(value: &Value, range: &RangeInclusive<f64>, unit: &str) -> Result<f64, String> {
     let (low, high) = (range.start(), range.end());
     match value.as_f64() {
@@ -132,7 +154,9 @@ fn integer(value: &Value, range: &RangeInclusive<u64>) -> Result<u64, String> {
     match value {
         Value::Number(number) => match number.as_u64() {
             Some(number) if range.contains(&number) => Ok(number),
-            _ => Err(format!("is {number}, not a whole number from {low} to {high}")),
+            _ => Err(format!(
+                "is {number}, not a whole number from {low} to {high}"
+            )),
         },
         other => Err(format!("must be a whole number, not {}", kind(other))),
     }

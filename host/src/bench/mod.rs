@@ -258,7 +258,10 @@ impl Drop for Server {
     }
 }
 
-fn listen(what: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), BenchError> {
+fn listen(
+    what: &'static str,
+    address: SocketAddr,
+) -> Result<(TcpListener, SocketAddr), BenchError> {
     let open = || {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;

@@ -1,6 +1,6 @@
 //! The thread that owns the simulated world, its clients and its clock.
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
@@ -220,7 +220,9 @@ impl Bench {
         while let Ok((stream, peer)) = self.listener.accept() {
             match TcpPort::new(stream) {
                 Ok(port) => drop(self.connect(peer.to_string(), Box::new(port))),
-                Err(error) => self.log.line(format_args!("client {peer} refused: {error}")),
+                Err(error) => self
+                    .log
+                    .line(format_args!("client {peer} refused: {error}")),
             }
         }
     }
@@ -289,8 +291,10 @@ impl Bench {
             let Some(reason) = link.overdue() else {
                 continue;
             };
-            self.log
-                .line(format_args!("client {} disconnected: {reason}", link.name()));
+            self.log.line(format_args!(
+                "client {} disconnected: {reason}",
+                link.name()
+            ));
             self.counters.disconnected += 1;
             link.close(now);
             #[cfg(unix)]
@@ -316,10 +320,5 @@ impl Bench {
             }
             stays
         });
-    }
-
-    /// Where SLCAN clients connect.
-    pub(super) fn slcan_address(&self) -> std::io::Result<SocketAddr> {
-        self.listener.local_addr()
     }
 }
