@@ -181,12 +181,12 @@ fn the_trace_is_read_in_pages() {
         let page = page.as_array().unwrap();
         assert!(page.len() <= 3);
         let Some(last) = page.last() else { break };
-        since = last["seq"].as_u64().unwrap();
+        since = last["seq"].as_u64().unwrap() + 1;
         seen.extend(page.iter().map(|entry| entry["data"].clone()));
     }
     let expected: Vec<Value> = (0..10).map(|index| json!(format!("{index:02x}"))).collect();
     assert_eq!(seen, expected);
-    assert_eq!(get(&server, "/api/sim")["trace_seq"], since);
+    assert_eq!(get(&server, "/api/sim")["trace_end"], since);
 }
 
 #[test]

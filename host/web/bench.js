@@ -21,10 +21,10 @@ const SWITCHES = [
 ];
 // Field, label, smallest, largest, step, unit, and for fields that may be null what null means.
 const SLIDERS = [
-  ["battery_v", "Battery", 0, 30, 0.1, "V"],
+  ["battery_v", "Battery without load", 0, 30, 0.1, "V", "by its charge"],
   ["load_nm", "Load torque", -2.5, 2.5, 0.01, "N·m"],
-  ["analog_v", "AIN1", 0, 3.3, 0.01, "V"],
-  ["temp_c", "Bridge temperature", -20, 130, 1, "°C"],
+  ["analog_v", "AIN1", -0.01, 3.3, 0.01, "V", "potentiometer"],
+  ["temp_c", "Case temperature", -20, 130, 1, "°C", "by its losses"],
   ["pulse_width_us", "RC pulse", 999, 2000, 1, "µs", "none"],
 ];
 const VALUES = [
@@ -234,7 +234,7 @@ class NodeCard {
     box.addEventListener("change", () => poke.set(box.checked));
     label.append(box, text);
     parent.append(label);
-    return (node) => { if (!poke.busy) box.checked = node[field]; };
+    return (node) => { if (!poke.busy) box.checked = node.pokes[field] ?? node[field] ?? false; };
   }
 
   addSlider(parent, field, text, low, high, step, unit, nothing) {
@@ -257,8 +257,9 @@ class NodeCard {
     parent.append(label);
     return (node) => {
       if (held || poke.busy) return;
-      slider.value = node[field] ?? low;
-      show(node[field]);
+      const value = node.pokes[field] ?? node[field] ?? (nothing ? null : 0);
+      slider.value = value ?? low;
+      show(value);
     };
   }
 
@@ -296,13 +297,13 @@ class Trace {
     this.frames = [];
   }
 
-  async update(last) {
+  async update(end) {
     // A fast bench makes more frames than a reader can follow: only the last ones are fetched.
-    this.since = Math.max(this.since, last - FRAMES_PER_POLL);
-    if (last <= this.since) return;
+    this.since = Math.max(this.since, end - FRAMES_PER_POLL);
+    if (end <= this.since) return;
     const fresh = await request("GET", `api/sim/trace?since=${this.since}&limit=${FRAMES_PER_POLL}&decode=true`);
     if (!fresh.length) return;
-    this.since = fresh.at(-1).seq;
+    this.since = fresh.at(-1).seq + 1;
     if (byId("hold").checked) return;
     this.frames.push(...fresh);
     const wanted = (frame) => !byId("hide-status").checked || !STATUS_FRAME.test(frame.text);
@@ -349,7 +350,7 @@ async function poll() {
   try {
     const bench = await request("GET", "api/sim");
     showBench(bench);
-    await trace.update(bench.trace_seq);
+    await trace.update(bench.trace_end);
     if (lost) notice("");
     lost = false;
   } catch (error) {

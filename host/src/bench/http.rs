@@ -210,12 +210,7 @@ async fn patch_node(State(handle): State<Handle>, Path(id): Path<String>, body: 
     let body = body?;
     ask(&handle, move |bench| {
         let index = node_index(bench, &id)?;
-        let pokes = patch::parse(&body)?;
-        if let Some(node) = bench.world_mut().node_mut(index) {
-            for poke in pokes {
-                node.poke(poke);
-            }
-        }
+        bench.apply(index, patch::parse(&body)?);
         Ok(Json(view::node(bench, index)))
     })
     .await?
@@ -244,14 +239,15 @@ async fn show_trace(
     query: Result<Query<Vec<(String, String)>>, QueryRejection>,
 ) -> Answer {
     let Query(query) = query?;
-    let (mut since, mut limit) = (0, DEFAULT_LIMIT);
+    let (mut since, mut limit, mut decode) = (0, DEFAULT_LIMIT, false);
     for (name, value) in &query {
         match name.as_str() {
             "since" => since = query_integer(name, value, 0, u64::MAX)?,
             "limit" => limit = query_integer(name, value, 1, LARGEST_LIMIT)?,
+            "decode" => decode = query_boolean(name, value)?,
             _ => {
                 return Err(Refusal::bad_request(format!(
-                    "unknown query parameter \"{name}\"; known: since, limit"
+                    "unknown query parameter \"{name}\"; known: since, limit, decode"
                 )));
             }
         }
@@ -260,7 +256,16 @@ async fn show_trace(
         bench.world().trace_since(since, limit as usize)
     })
     .await?;
-    Ok(Json(entries.iter().map(view::trace_entry).collect()))
+    let entries = entries.iter().map(|entry| view::trace_entry(entry, decode));
+    Ok(Json(entries.collect()))
+}
+
+fn query_boolean(name: &str, value: &str) -> Result<bool, Refusal> {
+    value.parse().map_err(|_| {
+        Refusal::bad_request(format!(
+            "query parameter \"{name}\" is \"{value}\", not true or false"
+        ))
+    })
 }
 
 fn query_integer(name: &str, value: &str, low: u64, high: u64) -> Result<u64, Refusal> {

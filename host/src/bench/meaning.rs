@@ -109,7 +109,8 @@ fn management_frame(base: u32, frame: &Frame) -> Option<Named> {
         id::VENDOR_COMMAND => ("VENDORCMD", vendor_command(&VendorCommand::parse(frame)?)),
         id::VENDOR_STATUS => {
             let status = VendorStatus::parse(frame)?;
-            let name = CommandCode::from_code(status.code).map_or("unknown code", CommandCode::name);
+            let name =
+                CommandCode::from_code(status.code).map_or("unknown code", CommandCode::name);
             ("VENDORSTS", format!("{name}, {} bytes", status.byte_count))
         }
         id::VENDOR_DATA_OUT => ("VENDORDOUT", text_of(frame.data())),
@@ -117,12 +118,18 @@ fn management_frame(base: u32, frame: &Frame) -> Option<Named> {
         id::PARAMETER_REQUEST => {
             let request = ParameterRequest::parse(frame)?;
             let name = parameter_name(request.parameter);
-            ("PARAMREQ", format!("{name}, session {:#06x}", request.session))
+            (
+                "PARAMREQ",
+                format!("{name}, session {:#06x}", request.session),
+            )
         }
         id::PARAMETER_SET => {
             let set = ParameterSet::parse(frame)?;
             let name = parameter_name(set.parameter);
-            ("PARAMSET", format!("{name} = {:#x}, session {:#06x}", set.value, set.session))
+            (
+                "PARAMSET",
+                format!("{name} = {:#x}, session {:#06x}", set.value, set.session),
+            )
         }
         id::PARAMETER_RESPONSE => {
             let response = ParameterResponse::parse(frame)?;
@@ -141,7 +148,10 @@ fn management_frame(base: u32, frame: &Frame) -> Option<Named> {
 fn enumeration(frame: &Frame) -> Option<Named> {
     if let Some(first) = EnumerateResponse0::parse(frame) {
         let (session, product) = (first.session, first.product_id);
-        return Some(("ENUMRSP0", format!("session {session:#06x}, product {product:#010x}")));
+        return Some((
+            "ENUMRSP0",
+            format!("session {session:#06x}, product {product:#010x}"),
+        ));
     }
     let second = EnumerateResponse1::parse(frame)?;
     let versions = second.versions;
@@ -207,7 +217,10 @@ mod tests {
         };
         let text = of(&request.emit(0));
         assert!(text.starts_with("PARAMREQ #0: "), "{text}");
-        assert!(text.contains(TABLE[0].name) && text.ends_with("0x1234"), "{text}");
+        assert!(
+            text.contains(TABLE[0].name) && text.ends_with("0x1234"),
+            "{text}"
+        );
     }
 
     #[test]

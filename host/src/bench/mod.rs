@@ -8,6 +8,7 @@ mod error;
 mod http;
 mod json;
 mod link;
+mod meaning;
 mod pace;
 mod patch;
 #[cfg(unix)]

@@ -4,12 +4,14 @@ use std::net::TcpListener;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration as WallDuration, Instant as WallInstant};
 
+use serde_json::{Map, Value};
 use windlass_core::frame::Frame;
 use windlass_core::time::{Duration, Instant};
 use windlass_sim::{ParticipantId, World};
 
 use super::link::{Link, Port, TcpPort};
 use super::pace::Pacer;
+use super::patch::Patch;
 #[cfg(unix)]
 use super::pty::Pty;
 use super::{BenchError, Job, Log};
@@ -45,6 +47,7 @@ pub(super) struct Bench {
     #[cfg(unix)]
     pty: Option<PtySlot>,
     http: Option<ParticipantId>,
+    held: Vec<Map<String, Value>>,
     frame_replies: bool,
     counters: ServerCounters,
     stopping: bool,
@@ -74,6 +77,7 @@ pub(super) struct Parts {
 impl Bench {
     pub(super) fn new(parts: Parts) -> Self {
         Self {
+            held: vec![Map::new(); parts.world.nodes()],
             world: parts.world,
             pacer: parts.pacer,
             listener: parts.listener,
@@ -161,6 +165,22 @@ impl Bench {
         self.flush_and_wait();
         self.remove_ended();
         Ok(self.world.now())
+    }
+
+    /// Interferes with a node.
+    pub(super) fn apply(&mut self, index: usize, patch: Patch) {
+        if let (Some(node), Some(held)) = (self.world.node_mut(index), self.held.get_mut(index)) {
+            for poke in patch.pokes {
+                node.poke(poke);
+            }
+            held.extend(patch.held);
+            held.retain(|_, value| !value.is_null());
+        }
+    }
+
+    /// The fields that were set at a node and are still in force.
+    pub(super) fn held(&self, index: usize) -> &Map<String, Value> {
+        &self.held[index]
     }
 
     /// Puts a frame on the bus as the participant "http", which joins with its first frame.

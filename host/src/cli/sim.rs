@@ -7,9 +7,9 @@ use serde_json::json;
 use windlass_core::dialect;
 use windlass_sim::{NodeSpec, WorldConfig};
 
+use super::output::say;
 use super::{Failure, Global, Kind, Outcome, interrupted};
 use crate::bench::{BenchError, Config, Pace, Server};
-use crate::say;
 
 /// How often the command looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(50);
