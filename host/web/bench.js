@@ -21,7 +21,7 @@ const SWITCHES = [
 ];
 // Field, label, smallest, largest, step, unit, and for fields that may be null what null means.
 const SLIDERS = [
-  ["battery_v", "Battery without load", 0, 30, 0.1, "V", "by its charge"],
+  ["battery_v", "Battery", 0, 30, 0.1, "V", "by its charge"],
   ["load_nm", "Load torque", -2.5, 2.5, 0.01, "N·m"],
   ["analog_v", "AIN1", -0.01, 3.3, 0.01, "V", "potentiometer"],
   ["temp_c", "Case temperature", -20, 130, 1, "°C", "by its losses"],
@@ -31,7 +31,7 @@ const VALUES = [
   ["Mode", (n) => n.drive_mode],
   ["Target", (n) => n.target],
   ["Position", (n) => n.position_counts, "counts"],
-  ["Velocity", (n) => n.velocity_counts_per_100ms, "counts/100 ms"],
+  ["Velocity", (n) => n.velocity_counts_per_100ms.toFixed(0), "/100 ms"],
   ["Current", (n) => n.current_a.toFixed(2), "A"],
   ["Duty", (n) => percent(n.duty).toFixed(1), "%"],
   ["Bus voltage", (n) => n.bus_v.toFixed(2), "V"],
