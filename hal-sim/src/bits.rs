@@ -41,6 +41,12 @@ pub(crate) fn frame_bits(shape: Shape) -> u64 {
     shape.stuffed + TRAILER
 }
 
+/// Bit times for which a frame occupies the bus, with its stuff bits and the gap of three bits after it.
+#[must_use]
+pub fn occupied_bits(frame: &Frame) -> u64 {
+    frame_bits(Shape::of(frame)) + INTERMISSION
+}
+
 /// The arbitration field as one number that orders frames as the bus does, see [`Shape::key`].
 pub(crate) fn arbitration_key(frame: &Frame) -> u32 {
     let remote = u32::from(frame.is_remote());
@@ -325,7 +331,11 @@ mod tests {
         // Start of frame, identifier 0x014, RTR, IDE, r0, length 1, byte 0x01.
         let bits = Bits::of(&Frame::standard(0x14, [0x01]));
         let head = bits.bits >> CRC_BITS;
-        assert_eq!(head, 0b0_00000010100_000_0001_00000001);
+        let fields = [(0, 1), (0x014, 11), (0b000, 3), (1, 4), (0x01, 8)];
+        let expected = fields
+            .iter()
+            .fold(0, |bits, (value, width)| bits << width | value);
+        assert_eq!(head, expected);
         let unstuffed = (0..27).rev().map(|bit| head >> bit & 1 == 1);
         assert_eq!((bits.bits & 0x7FFF) as u16, crc_bit_by_bit(unstuffed));
     }

@@ -11,9 +11,13 @@
 use windlass_core::frame::Frame;
 
 use crate::bits::{self, Bits, INTERMISSION, Shape, UP_TO_ACK};
-use crate::controller::{Controller, ErrorState, Mail, NEVER, Transition};
+use crate::controller::{Controller, ErrorState, Mail, NEVER};
 use crate::load::LoadMeter;
 use crate::random::Random;
+
+mod confinement;
+#[cfg(test)]
+mod tests;
 
 /// Index of a controller on the bus.
 pub(crate) type Station = usize;
@@ -85,6 +89,9 @@ pub(crate) struct Bus {
     controllers: Vec<Controller>,
     /// Controllers that have not left for good.
     members: Vec<Station>,
+    /// Earliest start of each controller's next frame, [`NEVER`] if it has none: what the controllers
+    /// say, kept in one place because every start of frame asks everybody.
+    ready: Vec<u64>,
     /// CAN tools: they keep their queue when error passive and refill the mailbox by themselves.
     is_tool: Vec<bool>,
     on_wire: Option<OnWire>,
@@ -111,6 +118,7 @@ impl Bus {
             bit: 1_000_000_000 / u64::from(bit_rate.clamp(1, 1_000_000_000)),
             controllers: Vec::new(),
             members: Vec::new(),
+            ready: Vec::new(),
             is_tool: Vec::new(),
             on_wire: None,
             transmitters: Vec::new(),
@@ -130,6 +138,7 @@ impl Bus {
     pub(crate) fn attach(&mut self, is_tool: bool) -> Station {
         let station = self.controllers.len();
         self.controllers.push(Controller::new());
+        self.ready.push(NEVER);
         self.is_tool.push(is_tool);
         self.members.push(station);
         station
@@ -196,8 +205,8 @@ impl Bus {
         controller.running && controller.mail.is_none()
     }
 
-    /// Puts a frame into the empty mailbox. `attempts`: how often it may be destroyed, `None` = tried
-    /// until it is sent.
+    /// Puts a frame into the empty mailbox. `attempts`: how often it may be destroyed by an error frame
+    /// (a missing acknowledge does not count), `None` = tried until it is sent.
     pub(crate) fn load_mailbox(
         &mut self,
         station: Station,
@@ -217,9 +226,10 @@ impl Bus {
             ready_at: now + delay,
         });
         if controller.listens() {
+            let ready = controller.ready_at();
+            self.ready[station] = ready;
             if self.on_wire.is_none() {
-                let start = controller.ready_at().max(self.free_at);
-                self.next_start = self.next_start.min(start);
+                self.next_start = self.next_start.min(ready.max(self.free_at));
             }
         } else {
             self.plan(now);
@@ -279,11 +289,10 @@ impl Bus {
         let mut best = u32::MAX;
         self.transmitters.clear();
         for &station in &self.members {
-            let controller = &self.controllers[station];
-            if controller.ready_at() > now {
+            if self.ready[station] > now {
                 continue;
             }
-            let Some(mail) = &controller.mail else {
+            let Some(mail) = &self.controllers[station].mail else {
                 continue;
             };
             if mail.shape.key < best {
@@ -295,7 +304,9 @@ impl Bus {
             }
         }
         self.put_on_wire(now);
-        self.plan(now);
+        if self.next_special != NEVER {
+            self.plan(now);
+        }
     }
 
     /// Draws the fate of the frame that won.
@@ -363,8 +374,7 @@ impl Bus {
             Fate::NotAcknowledged => {
                 self.error_frames += 1;
                 for &station in &transmitters {
-                    let transition = self.controllers[station].count_acknowledge_error();
-                    self.after_failure(station, transition, outcome);
+                    self.miss_acknowledge(station, outcome);
                 }
             }
             Fate::Destroyed => self.destroy(&transmitters, outcome),
@@ -381,9 +391,16 @@ impl Bus {
             }
         }
         self.transmitters = transmitters;
-        // ACK or error delimiter, end of frame and intermission are 11 recessive bits.
-        self.count_recessive(1);
-        self.plan(now);
+        if on_wire.fate == Fate::Delivered && self.next_special == NEVER {
+            for &station in &self.transmitters {
+                self.ready[station] = self.controllers[station].ready_at();
+            }
+            self.plan_start(now);
+        } else {
+            // ACK or error delimiter, end of frame and intermission are 11 recessive bits.
+            self.count_recessive(1);
+            self.plan(now);
+        }
     }
 
     fn deliver(&mut self, on_wire: &OnWire, transmitters: &[Station], outcome: &mut Outcome) {
@@ -413,71 +430,35 @@ impl Bus {
         }
     }
 
-    fn destroy(&mut self, transmitters: &[Station], outcome: &mut Outcome) {
-        self.error_frames += 1;
-        for &station in transmitters {
-            let transition = self.controllers[station].count_transmit_error();
-            self.after_failure(station, transition, outcome);
-        }
-        for index in 0..self.members.len() {
-            let station = self.members[index];
-            if self.controllers[station].listens() && !transmitters.contains(&station) {
-                let transition = self.controllers[station].count_receive_error();
-                self.after_transition(station, transition, outcome);
-            }
-        }
-    }
-
-    fn after_failure(&mut self, station: Station, transition: Transition, outcome: &mut Outcome) {
-        self.after_transition(station, transition, outcome);
-        self.end_attempt(station, outcome);
-    }
-
-    /// A controller that got worse drops what it wanted to send; a CAN tool only at bus-off, because
-    /// nobody tells its user.
-    fn after_transition(
-        &mut self,
-        station: Station,
-        transition: Transition,
-        outcome: &mut Outcome,
-    ) {
-        if transition == Transition::None {
+    /// Finds the next start of frame.
+    fn plan_start(&mut self, now: u64) {
+        self.next_start = NEVER;
+        if self.on_wire.is_some() {
             return;
         }
-        let controller = &mut self.controllers[station];
-        if self.is_tool[station] && controller.state != ErrorState::BusOff {
-            return;
-        }
-        controller.queue.clear();
-        if controller.mail.take().is_some() {
-            outcome.ended.push((station, false));
-        }
-        outcome.lost.push(station);
-    }
-
-    /// Counts an attempt that was destroyed or acknowledged by nobody.
-    fn end_attempt(&mut self, station: Station, outcome: &mut Outcome) {
-        if self.controllers[station].use_attempt() {
-            self.controllers[station].mail = None;
-            outcome.ended.push((station, false));
+        let ready = self.members.iter().map(|station| self.ready[*station]);
+        if let Some(first) = ready.min()
+            && first != NEVER
+        {
+            self.next_start = first.max(self.free_at).max(now);
         }
     }
 
-    /// Finds the next start of frame and the next special event.
+    /// Asks every controller anew and finds the next start of frame and the next special event. While
+    /// somebody is bus-off or unplugged with a frame to send, the latter is never [`NEVER`].
     fn plan(&mut self, now: u64) {
         let bit = self.bit;
-        self.next_start = NEVER;
         self.next_special = NEVER;
         for &station in &self.members {
             let controller = &mut self.controllers[station];
-            let ready = controller.ready_at();
-            if ready != NEVER && self.on_wire.is_none() {
-                let start = ready.max(self.free_at).max(now);
-                self.next_start = self.next_start.min(start);
-            }
-            if controller.state == ErrorState::BusOff && self.on_wire.is_none() {
+            self.ready[station] = controller.ready_at();
+            if controller.state == ErrorState::BusOff && controller.running {
                 let wait = u64::from(controller.recovery_left) * RECESSIVE_SEQUENCE * bit;
-                self.next_special = self.next_special.min((self.free_at + wait).max(now));
+                let idle_from = match &self.on_wire {
+                    Some(on_wire) => on_wire.end,
+                    None => self.free_at,
+                };
+                self.next_special = self.next_special.min((idle_from + wait).max(now));
             }
             if controller.running && !controller.connected {
                 if controller.alone_until == NEVER
@@ -488,45 +469,7 @@ impl Bus {
                 self.next_special = self.next_special.min(controller.alone_until);
             }
         }
-    }
-
-    /// Attempts of unplugged controllers, and bus-off recovery on a free bus.
-    fn handle_special(&mut self, now: u64, outcome: &mut Outcome) {
-        self.count_idle(now);
-        for index in 0..self.members.len() {
-            let station = self.members[index];
-            let controller = &mut self.controllers[station];
-            if controller.alone_until <= now {
-                controller.alone_until = NEVER;
-                let transition = controller.count_acknowledge_error();
-                self.after_failure(station, transition, outcome);
-            }
-        }
-        self.plan(now);
-    }
-
-    /// Counts the recessive sequences of an idle span that ends now.
-    fn count_idle(&mut self, now: u64) {
-        if self.on_wire.is_some() || now <= self.free_at {
-            return;
-        }
-        let sequences = (now - self.free_at) / (RECESSIVE_SEQUENCE * self.bit);
-        if self.count_recessive(sequences) {
-            self.free_at += sequences * RECESSIVE_SEQUENCE * self.bit;
-        }
-    }
-
-    /// True if somebody is bus-off and counts.
-    fn count_recessive(&mut self, sequences: u64) -> bool {
-        let mut counted = false;
-        for &station in &self.members {
-            let controller = &mut self.controllers[station];
-            if controller.running && controller.state == ErrorState::BusOff {
-                controller.recover(sequences);
-                counted = true;
-            }
-        }
-        counted
+        self.plan_start(now);
     }
 }
 
@@ -534,6 +477,3 @@ impl Bus {
 fn alone_bits(shape: Shape) -> u64 {
     shape.stuffed + UP_TO_ACK + ERROR_FLAG_ALONE + ERROR_DELIMITER + INTERMISSION
 }
-
-#[cfg(test)]
-mod tests;

@@ -38,6 +38,7 @@ mod trace;
 mod truth;
 mod world;
 
+pub use bits::occupied_bits;
 pub use controller::ErrorState;
 pub use node::SimNode;
 pub use plant::{Battery, Bridge, COUNTS_PER_REVOLUTION, DataSheet, FrontEnd, Motor, PlantConfig};

@@ -1,15 +1,10 @@
 //! One simulated controller: the real core on a virtual board.
 
-use windlass_core::dialect::DialectKind;
 use windlass_core::engine::Engine;
-use windlass_core::engine::command::Neutral;
 use windlass_core::engine::snapshot::{Actuation, Pins, Pulse, Sample, Snapshot};
 use windlass_core::frame::Frame;
-use windlass_core::led::Leds;
 use windlass_core::management::wire::ImageType;
-use windlass_core::node::{
-    Action, Counters, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome,
-};
+use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
 use windlass_core::params::Stored;
 use windlass_core::params::table::ParameterId;
 use windlass_core::time::Instant;
@@ -21,7 +16,9 @@ use crate::plant::{Plant, PlantConfig};
 use crate::random::Random;
 use crate::replay::{ActuationHash, TickRecord};
 use crate::spec::NodeSpec;
-use crate::truth::{Poke, Truth};
+
+mod observe;
+mod poke;
 
 /// Ticks from power-on or restart to the first tick of the image: 5 ms.
 const BOOT_TICKS: u32 = 10;
@@ -277,27 +274,44 @@ impl SimNode {
         while let Power::On(node) = &mut self.power
             && let Some(action) = node.take_action()
         {
-            match action {
-                Action::Save => {
-                    self.stored = node.stored();
-                    self.flash_writes += 1;
-                    node.saved();
-                }
-                Action::PinTest(test) => node.pin_test_done(self.header.test(test)),
-                Action::Reset(handover) => self.halt(Power::Booting {
-                    ticks: BOOT_TICKS,
-                    handover: Some(handover),
-                }),
-            }
+            self.perform(action);
         }
     }
 
-    /// A frame was received.
-    pub(crate) fn on_frame(&mut self, now: Instant, frame: &Frame) {
-        if let Power::On(node) = &mut self.power {
-            node.on_frame(now, frame, &self.snapshot);
-            self.act();
+    /// One action. Apart from [`SimNode::act`] because it is rare and needs a large stack frame.
+    #[inline(never)]
+    fn perform(&mut self, action: Action) {
+        let Power::On(node) = &mut self.power else {
+            return;
+        };
+        match action {
+            Action::Save => {
+                self.stored = node.stored();
+                self.flash_writes += 1;
+                node.saved();
+            }
+            Action::PinTest(test) => node.pin_test_done(self.header.test(test)),
+            Action::Reset(handover) => self.halt(Power::Booting {
+                ticks: BOOT_TICKS,
+                handover: Some(handover),
+            }),
         }
+    }
+
+    /// A frame was received. True if the node may have something to send or do because of it.
+    pub(crate) fn on_frame(&mut self, now: Instant, frame: &Frame) -> bool {
+        let Power::On(node) = &mut self.power else {
+            return false;
+        };
+        let ignored = node.counters().ignored;
+        node.on_frame(now, frame, &self.snapshot);
+        // What is due by time is sent at the next tick anyway, so a frame for somebody else costs no
+        // more than this: on a busy bus most frames are.
+        if node.counters().ignored != ignored {
+            return false;
+        }
+        self.act();
+        true
     }
 
     /// The frame in the mailbox was sent or given up.
@@ -348,143 +362,5 @@ impl SimNode {
             .as_mut()
             .map(std::mem::take)
             .unwrap_or_default()
-    }
-
-    /// What the node was added as.
-    #[must_use]
-    pub fn spec(&self) -> NodeSpec {
-        self.spec
-    }
-
-    /// Driving dialect in force.
-    #[must_use]
-    pub fn dialect(&self) -> DialectKind {
-        match &self.power {
-            Power::On(node) => node.dialect(),
-            _ => DialectKind::from_code(self.stored.params.get(ParameterId::Dialect))
-                .unwrap_or(self.spec.dialect),
-        }
-    }
-
-    /// Device number in force; without power the stored one.
-    #[must_use]
-    pub fn number(&self) -> u8 {
-        match &self.power {
-            Power::On(node) => node.number(),
-            _ => self.stored.number,
-        }
-    }
-
-    /// Result of the latest tick; the default while nothing runs.
-    #[must_use]
-    pub fn snapshot(&self) -> &Snapshot {
-        &self.snapshot
-    }
-
-    /// The running node; none without power and while booting.
-    #[must_use]
-    pub fn node(&self) -> Option<&Node> {
-        match &self.power {
-            Power::On(node) => Some(node),
-            _ => None,
-        }
-    }
-
-    /// What is kept over a power cycle.
-    #[must_use]
-    pub fn stored(&self) -> &Stored {
-        &self.stored
-    }
-
-    /// What really happens at the node.
-    #[must_use]
-    pub fn truth(&self) -> Truth {
-        let node = self.node();
-        let neutral = match self.actuation {
-            Actuation::Off => Neutral::Coast,
-            Actuation::Brake => Neutral::Brake,
-            Actuation::Drive(_) => self.snapshot.neutral,
-        };
-        Truth {
-            dialect: self.dialect(),
-            number: self.number(),
-            position_counts: self.plant.position().floor() as i64,
-            velocity_counts_per_100ms: self.plant.velocity(),
-            current_a: self.plant.current(),
-            bus_v: self.plant.bus_voltage(),
-            temp_c: self.plant.temperature(),
-            analog_v: self.plant.analog_in(),
-            duty: self.actuation.duty().units(),
-            neutral,
-            fwd_limit_closed: self.header.forward_closed,
-            rev_limit_closed: self.header.reverse_closed,
-            index_pin: self.plant.encoder.index(),
-            leds: node.map_or_else(Leds::default, |node| node.leds(self.now, &self.snapshot)),
-            mode: self.image,
-            powered: !matches!(self.power, Power::Off),
-            bus_connected: self.wiring.connected,
-            drive_state: self.snapshot.state,
-            faults: self.snapshot.faults.bits(),
-            flash_writes: self.flash_writes,
-            flash_erases: self.flash_writes,
-            session: node.and_then(Node::session),
-            tec: self.view.tec,
-            rec: self.view.rec,
-            error_state: self.view.error_state,
-            bus_off_count: self.view.bus_off_count,
-            counters: node.map_or_else(Counters::default, |node| *node.counters()),
-        }
-    }
-
-    /// Interferes with the node.
-    pub fn poke(&mut self, poke: Poke) {
-        match poke {
-            Poke::ForwardLimitClosed(closed) => self.header.forward_closed = closed,
-            Poke::ReverseLimitClosed(closed) => self.header.reverse_closed = closed,
-            Poke::IndexPin(level) => {
-                self.plant.encoder.force_index(level);
-                self.header.index_held = self.plant.encoder.forced_index().is_some();
-            }
-            Poke::AnalogVolts(volts) => {
-                self.plant.force_analog(volts);
-                self.header.analog_held = self.plant.forced_analog().is_some();
-            }
-            Poke::BatteryVolts(volts) => self.plant.force_battery(volts),
-            Poke::TemperatureCelsius(celsius) => self.plant.force_temperature(celsius),
-            Poke::LoadNewtonMetres(torque) => self.plant.set_load(torque),
-            Poke::Stall(locked) => self.plant.set_stall(locked),
-            Poke::EncoderUnplugged(unplugged) => self.plant.encoder.set_unplugged(unplugged),
-            Poke::ShortCircuit(short) => self.plant.set_short_circuit(short),
-            Poke::GateDriverFault(active) => self.gate_driver_fault = active,
-            Poke::BusConnected(connected) => {
-                self.wiring.connected = connected;
-                self.wiring_changed = true;
-            }
-            Poke::Powered(powered) => self.set_powered(powered),
-            Poke::J1Loopback(plugged) => self.header.loopback = plugged,
-            Poke::PulseWidthUs(width) => self.pulse_width = width,
-            Poke::Button => {
-                if let Power::On(node) = &mut self.power {
-                    node.press_button(self.now);
-                }
-            }
-        }
-    }
-
-    fn set_powered(&mut self, powered: bool) {
-        match (&self.power, powered) {
-            (Power::Off, true) => {
-                self.power = Power::Booting {
-                    ticks: BOOT_TICKS,
-                    handover: None,
-                };
-            }
-            (Power::Booting { .. } | Power::On(_), false) => {
-                self.halt(Power::Off);
-                self.plant.encoder.restart_counter();
-                self.pulse = Pulse::default();
-            }
-            _ => {}
-        }
     }
 }

@@ -70,6 +70,8 @@ pub struct Truth {
 }
 
 /// One interference with a node while the world runs. It acts at once; the node sees it at its next tick.
+///
+/// A number that is not finite changes nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Poke {
     /// Closes the forward limit switch: its pin is low.
@@ -80,7 +82,8 @@ pub enum Poke {
     IndexPin(Option<bool>),
     /// Forces AIN1 to a voltage; `None` gives it back to the potentiometer on the shaft.
     AnalogVolts(Option<f64>),
-    /// Sets the battery's open-circuit voltage; `None` lets it follow the state of charge.
+    /// Sets the battery's open-circuit voltage (a negative one counts as 0); `None` lets it follow the
+    /// state of charge.
     BatteryVolts(Option<f64>),
     /// Holds the case at this temperature in °C until the next poke; `None` lets it relax from there.
     TemperatureCelsius(Option<f64>),
@@ -104,4 +107,17 @@ pub enum Poke {
     PulseWidthUs(Option<u16>),
     /// Presses the brake/coast button.
     Button,
+}
+
+impl Poke {
+    /// False if the poke holds a number that is not finite.
+    pub(crate) fn is_sound(&self) -> bool {
+        match self {
+            Self::AnalogVolts(value)
+            | Self::BatteryVolts(value)
+            | Self::TemperatureCelsius(value) => value.is_none_or(f64::is_finite),
+            Self::LoadNewtonMetres(torque) => torque.is_finite(),
+            _ => true,
+        }
+    }
 }

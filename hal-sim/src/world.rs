@@ -323,24 +323,24 @@ impl World {
                 self.nodes[index].on_bus_lost(now);
             }
         }
-        if let Some((frame, from)) = outcome.delivered {
-            self.trace.push(Traced {
-                at: now,
-                frame,
-                from,
-            });
-            for &station in &outcome.receivers {
-                match self.owners[station] {
-                    Owner::Node(index) => self.nodes[index].on_frame(now, &frame),
-                    Owner::Tool(tool) => self.tools[tool].take_in(Received { frame, at: now }),
-                }
+        for &(station, _) in &outcome.ended {
+            if let Owner::Node(index) = self.owners[station] {
+                self.fill_mailbox(index);
             }
         }
-        let ended = outcome.ended.iter().map(|(station, _)| station);
-        for &station in ended.chain(&outcome.receivers) {
-            if let Owner::Node(index) = self.owners[station] {
-                self.rewire(index);
-                self.fill_mailbox(index);
+        if let Some((frame, from)) = outcome.delivered {
+            let at = now;
+            self.trace.push(Traced { at, frame, from });
+            for &station in &outcome.receivers {
+                match self.owners[station] {
+                    Owner::Node(index) => {
+                        if self.nodes[index].on_frame(now, &frame) {
+                            self.rewire(index);
+                            self.fill_mailbox(index);
+                        }
+                    }
+                    Owner::Tool(tool) => self.tools[tool].take_in(Received { frame, at }),
+                }
             }
         }
     }

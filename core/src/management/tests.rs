@@ -114,11 +114,27 @@ fn enumeration_is_answered_after_twice_the_number_or_seven_bits_of_the_session()
         assert_eq!(answer, Answer::Enumerate0);
         // The second follows the first, under the number that the first had.
         assert!(channel.encode(due, own, 1, VERSIONS).is_none());
-        channel.enumerate_0_ended(true);
+        channel.enumerate_0_sent();
         let (second, _) = channel.encode(due, 44, 1, VERSIONS).unwrap();
         assert_eq!(second.extended_id(), Some(0x0206_F000 | u32::from(own)));
         assert!(channel.encode(due, own, 1, VERSIONS).is_none());
     }
+}
+
+#[test]
+fn a_destroyed_answer_comes_once_more_after_the_new_session_s_delay() {
+    let mut channel = channel();
+    channel.enumerate(Instant::ZERO, 10);
+    let first = Instant::from_micros(10_000);
+    assert!(channel.encode(first, 10, 1, VERSIONS).is_some());
+    channel.enumerate_0_destroyed(first, 0x0107);
+    let again = first + Duration::from_ticks(7);
+    assert_eq!(channel.next_deadline(), Some(again));
+    let (frame, _) = channel.encode(again, 10, 1, VERSIONS).unwrap();
+    assert_eq!(EnumerateResponse0::parse(&frame).unwrap().session, 0x0107);
+    channel.enumerate_0_destroyed(again, 0x0109);
+    assert_eq!(channel.next_deadline(), None, "no third attempt");
+    assert_eq!(channel.session(), Some(0x0109));
 }
 
 #[test]

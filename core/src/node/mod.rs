@@ -14,7 +14,7 @@ pub use types::{
 };
 
 use crate::dialect::schedule::earlier;
-use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, View};
+use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, Outgoing, View};
 use crate::engine::command::{Command, DriveOpts, Setpoint};
 use crate::engine::settings::Settings;
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
@@ -26,6 +26,9 @@ use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management};
 use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SaveTimer, Stored, compile};
 use crate::time::Instant;
+
+/// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
+const STATUS_ATTEMPTS: u8 = 1;
 
 /// One controller, apart from its engine and its hardware.
 #[derive(Clone, Debug)]
@@ -282,25 +285,29 @@ impl Node {
             params: &self.stored.params,
             snapshot,
         };
-        let frame = self.dialect.encode(now, &view)?;
+        let (frame, attempts) = match self.dialect.encode(now, &view)? {
+            Outgoing::Answer(frame) => (frame, Attempts::UntilSent),
+            // Two devices of one number send their status under one identifier. Once they start at the
+            // same moment with different data they destroy each other, and would do so again at every
+            // repetition until both are error passive. The next period brings a new frame anyway.
+            Outgoing::Status(frame) => (frame, Attempts::AtMost(STATUS_ATTEMPTS)),
+        };
         Some(Transmission {
             frame,
             tag: Tag(Answer::Other),
-            attempts: Attempts::UntilSent,
+            attempts,
         })
     }
 
     /// A transmission has ended.
     pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
-        if tag.0 == Answer::Enumerate0 {
-            let sent = outcome == TxOutcome::Sent;
-            self.management.enumerate_0_ended(sent);
-            if !sent && self.management.session().is_some() {
-                // Somebody answered at the same moment under the same number: most likely with the
-                // same session id, so that the next delay would collide again.
+        match (tag.0, outcome) {
+            (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
+            (Answer::Enumerate0, TxOutcome::Failed) => {
                 let session = self.draw_session(now);
-                self.management.renew_session(session);
+                self.management.enumerate_0_destroyed(now, session);
             }
+            (Answer::Other, _) => {}
         }
     }
 

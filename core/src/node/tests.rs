@@ -413,7 +413,7 @@ fn a_destroyed_enumeration_answer_draws_a_new_session() {
     );
     bench.now = bench.now + Duration::from_millis(10);
     let answer = bench.node.poll_tx(bench.now, &bench.snapshot).unwrap();
-    assert_eq!(answer.attempts, Attempts::AtMost(2));
+    assert_eq!(answer.attempts, Attempts::AtMost(1));
     bench
         .node
         .on_transmitted(bench.now, answer.tag, TxOutcome::Failed);

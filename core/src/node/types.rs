@@ -59,7 +59,8 @@ impl NodeConfig {
 pub enum Attempts {
     /// Until it gets through.
     UntilSent,
-    /// Given up once it has been destroyed this often. Waiting for a busy bus is no attempt.
+    /// Given up once it has been destroyed by an error frame this often. Waiting for a busy bus is no
+    /// attempt, and neither is a missing acknowledge, which ends when the controller is error passive.
     AtMost(u8),
 }
 

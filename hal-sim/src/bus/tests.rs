@@ -79,6 +79,21 @@ fn a_frame_is_delivered_to_everybody_else_at_its_end() {
 }
 
 #[test]
+fn the_bit_rate_scales_time() {
+    let quiet = Disturbance {
+        loss: 0.0,
+        corruption: 0.0,
+        delay: 0,
+    };
+    let mut bus = Bus::new(250_000, quiet, Random::new(1, 1));
+    bus.attach(true);
+    bus.attach(true);
+    let frame = Frame::standard(0, []);
+    bus.enqueue(0, frame, 0);
+    assert_eq!(run(&mut bus, MS), [Seen::Frame(200_000, frame, 0, vec![1])]);
+}
+
+#[test]
 fn frames_follow_each_other_after_three_bits() {
     let mut bus = bus(2);
     let frame = Frame::standard(0, []);
@@ -144,16 +159,6 @@ fn a_lonely_sender_becomes_passive_and_tries_for_ever() {
         (bus.controller(node).tec, bus.controller(node).state),
         (127, ErrorState::Active)
     );
-}
-
-#[test]
-fn an_attempt_limit_ends_a_lonely_sender() {
-    let mut bus = bus(0);
-    let node = bus.attach(false);
-    bus.load_mailbox(node, Frame::standard(0x100, []), Some(2), 0);
-    let seen = run(&mut bus, MS);
-    assert!(matches!(seen[..], [Seen::GivenUp(..)]), "{seen:?}");
-    assert_eq!((bus.controller(node).tec, bus.error_frames), (16, 2));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use windlass_core::engine::snapshot::IndexCapture;
 
-/// Counts per revolution: 1024 cycles of four edges, see [`Encoder`].
+/// Counts per revolution: 1024 cycles of four edges on the motor shaft.
 pub const COUNTS_PER_REVOLUTION: f64 = 4096.0;
 /// log2 of the counts per revolution: index arithmetic is done by shifts.
 const REVOLUTION_SHIFT: u32 = 12;

@@ -7,7 +7,6 @@ mod motor;
 mod thermal;
 
 use windlass_core::engine::snapshot::{Actuation, IndexCapture};
-use windlass_core::units::Duty;
 
 pub use battery::Battery;
 pub use encoder::COUNTS_PER_REVOLUTION;
@@ -27,6 +26,9 @@ const TICK: f64 = 500e-6;
 /// Steps of integration per tick: 250 µs resolve the electrical time constant of 0.64 ms.
 const STEPS: u32 = 2;
 const COUNTS_PER_RADIAN: f64 = COUNTS_PER_REVOLUTION / std::f64::consts::TAU;
+
+/// Full reverse is −32768 throttle units.
+const PER_DUTY_UNIT: f64 = 1.0 / 32768.0;
 
 /// The potentiometer on the motor shaft that drives AIN1: middle of its travel at the start, ten turns
 /// from end to end (a common multi-turn part), 3.3 V across it.
@@ -102,15 +104,13 @@ impl Plant {
     /// Lets one control tick pass while the bridge does this.
     pub(crate) fn advance(&mut self, actuation: Actuation) {
         let driving = match actuation {
-            Actuation::Drive(duty) => {
-                Some(f64::from(duty.units()) / f64::from(i32::from(Duty::MIN.units()).abs()))
-            }
+            Actuation::Drive(duty) => Some(f64::from(duty.units()) * PER_DUTY_UNIT),
             Actuation::Off | Actuation::Brake => None,
         };
         self.shorted_while_driving = self.short_circuit && driving.is_some();
         let mut travel = 0.0;
+        let terminals = self.terminals(actuation, driving);
         for _ in 0..STEPS {
-            let terminals = self.terminals(actuation, driving);
             self.step.advance(&mut self.motor, terminals, self.load);
             travel += self.motor.travel;
         }
@@ -139,7 +139,8 @@ impl Plant {
                 resistance: self.bridge.resistance,
             },
             (None, _) => Terminals::Floating {
-                against: self.bus_voltage + self.bridge.diode_voltage,
+                // A battery that has just been cut may leave less than nothing for an instant.
+                against: (self.bus_voltage + self.bridge.diode_voltage).max(0.0),
             },
         }
     }
@@ -222,9 +223,9 @@ impl Plant {
         self.motor.speed * COUNTS_PER_RADIAN * 0.1
     }
 
-    /// Forces the open-circuit voltage of the battery (V), `None` releases it.
+    /// Forces the open-circuit voltage of the battery (V, not negative), `None` releases it.
     pub(crate) fn force_battery(&mut self, volts: Option<f64>) {
-        self.battery.force(volts);
+        self.battery.force(volts.map(|volts| volts.max(0.0)));
         self.bus_voltage = self.battery.open_circuit();
     }
 

@@ -1,4 +1,5 @@
 use super::*;
+use windlass_core::units::Duty;
 
 fn plant() -> Plant {
     Plant::new(&PlantConfig::default(), Random::new(1, 1))

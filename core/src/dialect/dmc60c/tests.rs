@@ -220,7 +220,7 @@ fn status_frames_start_one_period_after_the_bus_and_keep_their_rhythm() {
     dialect.start(Instant::ZERO, &params);
     for millis in 0..=1000 {
         let now = Instant::ZERO + Duration::from_millis(millis);
-        while let Some(frame) = dialect.encode(now, &view(&params, &snapshot)) {
+        while let Some(Outgoing::Status(frame)) = dialect.encode(now, &view(&params, &snapshot)) {
             assert!(millis >= 10);
             let kind = match base(frame.raw_id()) {
                 id::STATUS_GENERAL => 0,
