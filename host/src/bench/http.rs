@@ -11,14 +11,12 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use axum::serve::ListenerExt;
-use embedded_can::{ExtendedId, Id, StandardId};
 use serde_json::{Value, json};
 use tokio::sync::oneshot;
-use windlass_core::frame::Frame;
 
 use super::json::{Fields, required};
 use super::server::Bench;
-use super::{BenchError, Handle, patch, view};
+use super::{BenchError, Handle, frame, patch, view};
 
 /// Longest step: one hour.
 const LONGEST_STEP_US: u64 = 3_600_000_000;
@@ -278,68 +276,10 @@ fn query_integer(name: &str, value: &str, low: u64, high: u64) -> Result<u64, Re
 }
 
 async fn send_frame(State(handle): State<Handle>, body: Body) -> Answer {
-    let frame = parse_frame(&body?)?;
+    let frame = frame::parse(&body?)?;
     ask(&handle, move |bench| {
         bench.send_from_http(frame);
         Json(json!({ "t_us": bench.world().now().as_micros() }))
     })
     .await
-}
-
-fn parse_frame(body: &[u8]) -> Result<Frame, Refusal> {
-    let mut fields = Fields::parse(body)?;
-    let extended = fields.boolean("ext")?.unwrap_or(false);
-    let largest = if extended { 0x1FFF_FFFF } else { 0x7FF };
-    let id = fields.integer("id", 0..=largest)?;
-    let data = fields.text("data")?;
-    let remote = fields.boolean("rtr")?.unwrap_or(false);
-    let length = fields.integer("dlc", 0..=8)?;
-    fields.finish()?;
-
-    let raw = required("id", id)? as u32;
-    let id = if extended {
-        ExtendedId::new(raw).map(Id::Extended)
-    } else {
-        StandardId::new(raw as u16).map(Id::Standard)
-    };
-    let data = match &data {
-        Some(text) => bytes_from_hex(text).ok_or_else(|| {
-            Refusal::bad_request("field \"data\" must be up to 8 bytes as pairs of hex digits")
-        })?,
-        None => Vec::new(),
-    };
-    let frame = match (id, remote, length) {
-        (Some(id), true, length) if data.is_empty() => {
-            Frame::remote(id, length.unwrap_or(0) as usize)
-        }
-        (_, true, _) => {
-            return Err(Refusal::bad_request(
-                "field \"data\" must be empty in a remote frame",
-            ));
-        }
-        (_, false, Some(length)) if length as usize != data.len() => {
-            return Err(Refusal::bad_request(
-                "field \"dlc\" must be the number of data bytes",
-            ));
-        }
-        (Some(id), false, _) => Frame::new(id, &data),
-        (None, ..) => None,
-    };
-    frame.ok_or_else(|| Refusal::bad_request("field \"id\" is no identifier"))
-}
-
-fn bytes_from_hex(text: &str) -> Option<Vec<u8>> {
-    let digits: Vec<u8> = text
-        .chars()
-        .map(|digit| digit.to_digit(16).map(|value| value as u8))
-        .collect::<Option<_>>()?;
-    if digits.len() % 2 != 0 || digits.len() > 16 {
-        return None;
-    }
-    Some(
-        digits
-            .chunks_exact(2)
-            .map(|pair| pair[0] << 4 | pair[1])
-            .collect(),
-    )
 }

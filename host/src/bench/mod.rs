@@ -5,6 +5,7 @@
 //! the moment it is accepted until it is closed.
 
 mod error;
+mod frame;
 mod http;
 mod json;
 mod link;
@@ -135,16 +136,18 @@ impl Server {
         let (slcan_listener, slcan) = listen("SLCAN", config.slcan)?;
         let (http_listener, http) = listen("HTTP", config.http)?;
         #[cfg(unix)]
-        let pty = match config.pty {
-            true => Some(pty::Pty::open().map_err(BenchError::Pty)?),
-            false => None,
+        let pty = if config.pty {
+            Some(pty::Pty::open().map_err(BenchError::Pty)?)
+        } else {
+            None
         };
         #[cfg(unix)]
         let pty_path = pty.as_ref().map(|pty| pty.path().to_owned());
         #[cfg(not(unix))]
-        let pty_path = match config.pty {
-            true => return Err(BenchError::Pty(std::io::ErrorKind::Unsupported.into())),
-            false => None,
+        let pty_path = if config.pty {
+            return Err(BenchError::Pty(std::io::ErrorKind::Unsupported.into()));
+        } else {
+            None
         };
 
         let mut world = World::new(config.world.clone());

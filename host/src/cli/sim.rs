@@ -4,7 +4,6 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
 use serde_json::json;
-use windlass_core::dialect;
 use windlass_sim::{NodeSpec, WorldConfig};
 
 use super::output::say;
@@ -22,8 +21,7 @@ pub struct Arguments {
     #[arg(
         long = "node",
         value_name = "DIALECT:NUMBER",
-        default_value = "dmc60c:1",
-        value_parser = node
+        default_value = "dmc60c:1"
     )]
     pub nodes: Vec<NodeSpec>,
     /// Where SLCAN clients connect by TCP; port 0 takes a free port.
@@ -53,16 +51,6 @@ pub struct Arguments {
     /// Answer frames from SLCAN clients with z or Z, for programs that wait for it.
     #[arg(long)]
     pub slcan_replies: bool,
-}
-
-fn node(text: &str) -> Result<NodeSpec, String> {
-    let known: Vec<&str> = dialect::ALL.iter().map(|kind| kind.name()).collect();
-    text.parse::<NodeSpec>().map_err(|error| {
-        format!(
-            "{error}; write DIALECT:NUMBER, for example dmc60c:5 (known dialects: {})",
-            known.join(", ")
-        )
-    })
 }
 
 fn address(text: &str) -> Result<SocketAddr, String> {
@@ -185,15 +173,5 @@ mod tests {
         for bad in ["-0.1", "1.1", "nan"] {
             assert!(probability(bad).is_err(), "{bad}");
         }
-    }
-
-    #[test]
-    fn an_unknown_dialect_is_refused_with_the_known_ones() {
-        let error = node("pump:1").unwrap_err();
-        assert!(error.contains("dmc60c"), "{error}");
-        for bad in ["dmc60c", "dmc60c:", "dmc60c:64", "dmc60c:-1", ":1", "5"] {
-            assert!(node(bad).is_err(), "{bad}");
-        }
-        assert_eq!(node("dmc60c:63").unwrap().number, 63);
     }
 }

@@ -129,7 +129,7 @@ impl Screen {
         }
         let lines = text.lines().count().max(1);
         for line in text.lines() {
-            let _ = write!(out, "\x1b[2K{line}\n");
+            let _ = writeln!(out, "\x1b[2K{line}");
         }
         if text.is_empty() {
             out += "\x1b[J\n";
