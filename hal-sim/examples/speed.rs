@@ -58,12 +58,14 @@ fn measure(nodes: u8, seconds: u32) {
     let bus = world.bus();
     println!(
         "{nodes:2} nodes: {:6.0} simulated seconds per second, {:3.0} ns per node and tick \
-         (bus load {:.0} %, {} frames per simulated second, {} error frames, velocity {velocity:.0})",
+         (bus load {:.0} %, {} frames per simulated second, {} error frames, velocity {velocity:.0}, \
+         actuation hash {:016x})",
         f64::from(seconds) / taken,
         taken * 1e9 / (f64::from(seconds) * 2000.0 * f64::from(nodes)),
         bus.load_percent,
         bus.frames / u64::from(seconds),
         bus.error_frames,
+        world.actuation_hash(0),
     );
 }
 

@@ -84,6 +84,20 @@ fn devices_with_the_same_number_are_told_apart_and_one_is_renumbered() {
 }
 
 #[test]
+fn devices_with_the_same_number_are_found_whenever_they_are_asked() {
+    let mut client = bench(&["dmc60c:5", "dmc60c:5", "dmc60c:0", "dmc60c:0"]);
+    for shift in 0..50 {
+        client.listen(Duration::from_micros(shift * 1373)).unwrap();
+        let devices = client.scan().unwrap();
+        let numbers: Vec<u8> = devices.iter().map(|device| device.address.number).collect();
+        assert_eq!(numbers, [0, 0, 5, 5], "shift {shift}");
+        for device in devices {
+            client.firmware_versions(device.address).unwrap();
+        }
+    }
+}
+
+#[test]
 fn a_device_number_out_of_range_is_refused_before_it_is_sent() {
     let mut client = bench(&["dmc60c:5"]);
     let address = only(&mut client);

@@ -1,8 +1,15 @@
 //! The `windlass` binary from the outside: exit codes, error form and JSON output.
 
+use std::io::{Read, Write};
 use std::process::{Command, Output};
 
 use serde_json::Value;
+use windlass_core::frame::Frame;
+use windlass_core::management::vendor::ParameterError;
+use windlass_core::management::wire::{
+    EnumerateResponse0, EnumerateResponse1, FirmwareVersions, ParameterResponse, ParameterSet, id,
+};
+use windlass_core::slcan;
 
 fn windlass(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_windlass"))
@@ -151,6 +158,100 @@ fn an_empty_bus_ends_with_4() {
     let message = failure(&["--bus", &format!("tcp:127.0.0.1:{port}"), "scan"], 4);
     assert!(message.contains("no device answered"), "{message}");
     server.join().unwrap();
+}
+
+/// A device 1 over TCP that answers enumerations and refuses parameters, and leaves everything else
+/// unanswered. Serves `clients` connections, one after the other.
+fn stubborn_device(clients: usize) -> (String, std::thread::JoinHandle<()>) {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let bus = format!("tcp:{}", listener.local_addr().unwrap());
+    let server = std::thread::spawn(move || {
+        for _ in 0..clients {
+            let (stream, _) = listener.accept().unwrap();
+            stubborn_session(stream);
+        }
+    });
+    (bus, server)
+}
+
+fn stubborn_session(mut stream: std::net::TcpStream) {
+    let mut channel = slcan::Channel::new();
+    let mut bytes = [0; 512];
+    loop {
+        // An error means as well that the client has gone.
+        let count = stream.read(&mut bytes).unwrap_or(0);
+        if count == 0 {
+            return;
+        }
+        let asked = bytes[..count]
+            .iter()
+            .filter_map(|byte| channel.push(*byte)?.transmit);
+        for answer in asked.flat_map(|frame| stubborn_answers(&frame)) {
+            let _ = stream.write_all(&slcan::format(&answer, None));
+        }
+    }
+}
+
+fn stubborn_answers(frame: &Frame) -> Vec<Frame> {
+    let session = 0x1234;
+    if frame.raw_id() == id::ENUMERATE {
+        let versions = FirmwareVersions::default();
+        let product_id = 0x6020_0103;
+        return vec![
+            EnumerateResponse0 {
+                session,
+                product_id,
+            }
+            .emit(1),
+            EnumerateResponse1 { session, versions }.emit(1),
+        ];
+    }
+    if frame.raw_id() == id::PARAMETER_SET | 1 {
+        let asked = ParameterSet::parse(frame).unwrap();
+        let response = ParameterResponse {
+            parameter: asked.parameter,
+            value: 0,
+            code: ParameterError::BadValue as u8,
+        };
+        return vec![response.emit(1)];
+    }
+    Vec::new()
+}
+
+#[test]
+fn a_device_that_does_not_answer_ends_with_5() {
+    let commands = [
+        &["--timeout", "10", "info", "1"][..],
+        &["--timeout", "10", "id", "blink", "1"],
+        &["--timeout", "10", "param", "get", "1", "10"],
+        &["run", "1", "--duty", "10"],
+    ];
+    let (bus, server) = stubborn_device(2 * commands.len());
+    for command in commands {
+        let message = failure(&[&["--bus", &bus], command].concat(), 5);
+        assert!(message.contains("device 1"), "{message}");
+    }
+    server.join().unwrap();
+}
+
+#[test]
+fn a_device_that_refuses_ends_with_6_and_its_code() {
+    let (bus, server) = stubborn_device(2);
+    let message = failure(&["--bus", &bus, "param", "set", "1", "10", "1.5"], 6);
+    assert!(message.contains("percBadValue"), "{message}");
+    server.join().unwrap();
+}
+
+#[test]
+fn a_failed_test_ends_with_7() {
+    // Without its plug the open-circuit test of the header fails.
+    let output = windlass(&["test", "1", "--open"]);
+    assert_eq!(output.status.code(), Some(7), "{output:?}");
+    assert!(stdout(&output).contains("FAIL  J1 open circuits"));
+    let output = windlass(&["test", "1", "--open", "--json"]);
+    assert_eq!(output.status.code(), Some(7));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["devices"][0]["passed"], false);
 }
 
 #[test]

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use clap::Args;
+use windlass_core::dialect::dmc60c::wire::Control0;
+use windlass_core::params::table::ParameterId;
 
 use super::connect::{Connection, Seconds};
 use super::output::{self, LiveLine, say};
-use super::sample::{Sample, active_faults};
+use super::sample::Sample;
 use super::{Failure, Global, Kind, Outcome, interrupted};
-use crate::client::{CONTROL_PERIOD, Drive, Selector, Target, ValueError};
-use windlass_core::dialect::dmc60c::wire::Control0;
+use crate::client::{Address, CONTROL_PERIOD, Drive, Selector, Target, ValueError};
 
 /// Without a general status frame for this long while driving, the device counts as gone; the frame
 /// comes at least every 50 ms.
@@ -145,10 +146,10 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
     let control = arguments.control()?;
     let run_time = global.run_time(arguments.seconds)?;
     let mut client = global.connect()?;
-    let number = client.find(&arguments.device)?.address.number;
+    let address = client.find(&arguments.device)?.address;
     let mut drive = Drives {
         client: &mut client,
-        number,
+        number: address.number,
         control,
         every: Duration::from_millis(arguments.every),
         json: global.json,
@@ -156,7 +157,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
     };
     let driven = drive.until(run_time);
     let finished = drive.live.finish();
-    let off = switch_off(&mut client, number);
+    let off = switch_off(&mut client, address.number);
     let outcome = driven?;
     finished?;
     let off = off?;
@@ -170,7 +171,26 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
             }
         )?;
     }
-    Ok(outcome)
+    match outcome {
+        Outcome::Done => report_faults(&mut client, address, global.json),
+        ended => Ok(ended),
+    }
+}
+
+/// The faults that are active after the drive; the status frame does not carry all of them.
+fn report_faults(
+    client: &mut Connection,
+    address: Address,
+    json: bool,
+) -> Result<Outcome, Failure> {
+    let active = client.parameter(address, ParameterId::ActiveFaults)?;
+    if active.raw == 0 {
+        return Ok(Outcome::Done);
+    }
+    if !json {
+        say!("active faults: {active}")?;
+    }
+    Ok(Outcome::FaultReported)
 }
 
 struct Drives<'a> {
@@ -190,8 +210,12 @@ impl Drives<'_> {
         let mut next_control = start;
         loop {
             let now = self.client.now();
+            if now >= next_sample {
+                self.show()?;
+                next_sample += self.every;
+            }
             if run_time.is_some_and(|run_time| now >= start + run_time) {
-                return Ok(self.outcome());
+                return Ok(Outcome::Done);
             }
             if interrupted() {
                 return Ok(Outcome::Interrupted);
@@ -199,10 +223,6 @@ impl Drives<'_> {
             if now >= next_control {
                 self.client.control(self.number, &self.control)?;
                 next_control = now + CONTROL_PERIOD;
-            }
-            if now >= next_sample {
-                self.show()?;
-                next_sample += self.every;
             }
             self.check_alive(start)?;
             let wait = next_control.min(next_sample).saturating_sub(now);
@@ -241,17 +261,6 @@ impl Drives<'_> {
             format!("device {} has stopped reporting", self.number),
             "check its power and the bus, then look for it with `windlass scan`",
         ))
-    }
-
-    fn outcome(&self) -> Outcome {
-        let general = self
-            .client
-            .status(self.number)
-            .and_then(|status| status.general);
-        match general {
-            Some(live) if !active_faults(&live.value).is_empty() => Outcome::FaultReported,
-            _ => Outcome::Done,
-        }
     }
 }
 

@@ -88,7 +88,7 @@ impl Sample<'_> {
 }
 
 /// The active faults that the general status frame carries, by their names in the guide.
-pub(super) fn active_faults(general: &StatusGeneral) -> Vec<&'static str> {
+fn active_faults(general: &StatusGeneral) -> Vec<&'static str> {
     let faults = [
         (general.over_temperature, Fault::OverTemperature),
         (general.under_voltage, Fault::UnderVoltage),

@@ -15,8 +15,10 @@ use crate::transport::{Bus, BusError};
 /// How long answers are collected (guide, "Enumeration and Device Discovery").
 const WINDOW: Duration = Duration::from_millis(100);
 /// Rounds of one [`Client::scan`].
-const ROUNDS: usize = 4;
-/// What each round is longer than the window, so that four rounds fall into different quarters of the
+const FEWEST_ROUNDS: usize = 3;
+/// Rounds after which [`Client::scan`] is content with fewer answers than it once had.
+const MOST_ROUNDS: usize = 10;
+/// What each round is longer than the window, so that the rounds fall into different quarters of the
 /// devices' tick of 500 µs.
 const PHASE_SHIFT: Duration = Duration::from_micros(125);
 
@@ -55,30 +57,26 @@ impl<B: Bus> Client<B> {
         Ok(devices.collect())
     }
 
-    /// Several rounds of [`Client::enumerate`], and a question to every device that was not heard in
-    /// the last one.
+    /// Rounds of [`Client::enumerate`] until one has as many answers as the best before it.
     ///
     /// One round is not enough: devices with the same number answer at the same time under the same
     /// identifier and can destroy each other's answers, which gives them new sessions. Each round
-    /// therefore falls at another phase of the devices' 500 µs ticks.
+    /// therefore falls at another phase of the devices' 500 µs ticks, and only the sessions of the last
+    /// round count.
     ///
     /// # Errors
     /// The bus failed.
     pub fn scan(&mut self) -> Result<Vec<Device>, BusError> {
-        let mut devices: BTreeMap<Address, Device> = BTreeMap::new();
-        let mut last = Vec::new();
-        for _ in 0..ROUNDS {
-            last = self.enumerate_for(WINDOW + PHASE_SHIFT)?;
-            devices.extend(last.iter().map(|device| (device.address, *device)));
-        }
-        let heard = addresses(&last);
-        let mut present = Vec::new();
-        for (address, device) in devices {
-            if heard.contains(&address) || self.probe(address)?.is_some() {
-                present.push(device);
+        let mut most = 0;
+        let mut devices = Vec::new();
+        for round in 1..=MOST_ROUNDS {
+            devices = self.enumerate_for(WINDOW + PHASE_SHIFT)?;
+            most = most.max(devices.len());
+            if round >= FEWEST_ROUNDS && devices.len() == most {
+                break;
             }
         }
-        Ok(present)
+        Ok(devices)
     }
 
     /// The one device that `selector` names. A session is tried as it is before anything is enumerated,

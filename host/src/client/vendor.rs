@@ -131,15 +131,8 @@ impl<B: Bus> Client<B> {
     /// # Errors
     /// No answer, or an answer that makes no sense.
     pub fn firmware_versions(&mut self, address: Address) -> Result<FirmwareVersions, Error> {
-        let data = self.fetch(address, Command::GetFirmwareVersion)?;
-        match data.try_into() {
-            Ok(bytes) => Ok(FirmwareVersions::from_bytes(bytes)),
-            Err(_) => Err(bad_answer(
-                address,
-                Command::GetFirmwareVersion,
-                "not 6 bytes",
-            )),
-        }
+        let bytes = self.fetch_exactly(address, Command::GetFirmwareVersion)?;
+        Ok(FirmwareVersions::from_bytes(bytes))
     }
 
     /// Reads how often the device has written its settings to flash.
@@ -147,15 +140,8 @@ impl<B: Bus> Client<B> {
     /// # Errors
     /// No answer, or an answer that makes no sense.
     pub fn flash_sequence(&mut self, address: Address) -> Result<u32, Error> {
-        let data = self.fetch(address, Command::GetFlashSequence)?;
-        match data.try_into() {
-            Ok(bytes) => Ok(u32::from_le_bytes(bytes)),
-            Err(_) => Err(bad_answer(
-                address,
-                Command::GetFlashSequence,
-                "not 4 bytes",
-            )),
-        }
+        let bytes = self.fetch_exactly(address, Command::GetFlashSequence)?;
+        Ok(u32::from_le_bytes(bytes))
     }
 
     /// Restarts the device into its bootloader and waits until that answers. The session stays.
@@ -210,6 +196,17 @@ impl<B: Bus> Client<B> {
         };
         let reply = self.transact(address, &exchange)?;
         expect(address, command, &reply, expected)
+    }
+
+    /// Runs a command without parameters that returns `N` bytes.
+    fn fetch_exactly<const N: usize>(
+        &mut self,
+        address: Address,
+        command: Command,
+    ) -> Result<[u8; N], Error> {
+        let data = self.fetch(address, command)?;
+        data.try_into()
+            .map_err(|_| bad_answer(address, command, &format!("not {N} bytes")))
     }
 
     /// Runs a command without parameters and gives the data it returns.
