@@ -49,7 +49,7 @@ pub(crate) fn product_name(product_id: Option<u32>) -> String {
 }
 
 /// An image type as a word.
-const fn image_name(image: ImageType) -> &'static str {
+pub(crate) const fn image_name(image: ImageType) -> &'static str {
     match image {
         ImageType::Application => "application",
         ImageType::Bootloader => "bootloader",

@@ -21,6 +21,7 @@ use windlass_core::frame::Frame;
 use crate::transport::{Bus, BusError, Received};
 
 pub use control::{Drive, Target};
+pub(crate) use device::image_name;
 pub use device::{Address, Descriptors, Device, Version};
 pub use error::{Error, ValueError};
 pub use parameter::{Value, find_parameter};
