@@ -36,7 +36,7 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
 /// Builds one program for one board and gives its file.
 pub(crate) fn build(toolchain: &Toolchain, board: &Board, program: &str) -> Result<PathBuf, Error> {
     let folder = crate::root().join("target/firmware").join(board.name);
-    let mut command = toolchain.cargo_build(&folder);
+    let mut command = toolchain.cargo("build", &folder);
     command
         .args(["--package", "windlass-firmware", "--profile", "firmware"])
         .args(["--bin", program])

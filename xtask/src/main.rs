@@ -6,6 +6,7 @@ mod error;
 mod firmware;
 mod image;
 mod measure;
+mod panics;
 mod toolchain;
 mod trace;
 
@@ -33,6 +34,8 @@ enum Command {
     Measure,
     /// Compares a million ticks of the engine here with those on an emulated Cortex-M4
     Trace,
+    /// Proves by linking that no function of the core can panic
+    NoPanic,
     /// Runs the firmware in QEMU and drives it with python-can
     QemuTest {
         /// Tests to run, as unittest names them; all by default
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Firmware { board } => firmware::run(&board),
         Command::Measure => measure::run(),
+        Command::NoPanic => panics::run(),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

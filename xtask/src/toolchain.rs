@@ -76,8 +76,8 @@ impl Toolchain {
         })
     }
 
-    /// The `cargo build` of this toolchain for the target, for `folder` as target folder.
-    pub(crate) fn cargo_build(&self, folder: &Path) -> Command {
+    /// A cargo command of this toolchain for the target, with `folder` as target folder.
+    pub(crate) fn cargo(&self, verb: &str, folder: &Path) -> Command {
         let mut command = Command::new(self.sysroot.join("bin/cargo"));
         for name in FOREIGN {
             command.env_remove(name);
@@ -85,7 +85,7 @@ impl Toolchain {
         command
             .current_dir(crate::root())
             .env("RUSTC", self.sysroot.join("bin/rustc"))
-            .arg("build")
+            .arg(verb)
             .args(["--target", TARGET])
             .arg("--target-dir")
             .arg(folder);
@@ -98,6 +98,11 @@ impl Toolchain {
                 .arg("-Zbuild-std=core");
         }
         command
+    }
+
+    /// An unstable flag of the compiler, if this one takes it: one that builds the library does.
+    pub(crate) fn unstable_flag(&self, flag: &'static str) -> Option<&'static str> {
+        matches!(self.library, Library::Built { .. }).then_some(flag)
     }
 }
 

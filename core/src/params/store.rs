@@ -17,9 +17,18 @@ pub const TEXT_CAPACITY: usize = 64;
 pub type Text = Vec<u8, TEXT_CAPACITY>;
 
 /// The six strings that describe a device; unset ones report their default.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq, Eq)]
 pub struct Descriptors {
     texts: [Option<Text>; 6],
+}
+
+impl Clone for Descriptors {
+    /// Element by element: the clone of a whole array leaves a panic path in the machine code.
+    fn clone(&self) -> Self {
+        Self {
+            texts: core::array::from_fn(|at| self.texts.get(at).cloned().flatten()),
+        }
+    }
 }
 
 impl Descriptors {
