@@ -81,15 +81,23 @@ class Emulator:
 
     def poke(self, name: str, value):
         """Interferes with the plant, for example `poke("battery_mv", 5000)`."""
-        self.poker.sendall(f"{name} {value}\r".encode())
+        answer = self._ask(f"{name} {value}\r".encode())
+        if answer != b"ok\r":
+            raise ValueError(f"poke {name} {value} was answered {answer!r}")
+
+    def stack(self) -> int:
+        """Bytes of the stack that have been used so far."""
+        return int(self._ask(b"stack\r"))
+
+    def _ask(self, line: bytes) -> bytes:
+        self.poker.sendall(line)
         answer = b""
         while not answer.endswith(b"\r"):
             part = self.poker.recv(16)
             if not part:
                 raise ConnectionError("the emulator closed its poke line")
             answer += part
-        if answer != b"ok\r":
-            raise ValueError(f"poke {name} {value} was answered {answer!r}")
+        return answer
 
     def close(self) -> str:
         """Ends the process and gives what it printed."""
@@ -108,9 +116,17 @@ class EmulatorTest(unittest.TestCase):
     def setUp(self):
         self.emulator = Emulator()
         self.addCleanup(self.emulator.close)
+        self.addCleanup(self.note_stack)
         self.bus = self.emulator.bus
         self.number, self.session = 0, None
         self._beat = None
+
+    def note_stack(self):
+        """Leaves the high-water mark of the stack for `cargo xtask stack`."""
+        path = os.environ.get("WINDLASS_STACK")
+        if path:
+            with open(path, "a", encoding="ascii") as file:
+                print(self.emulator.stack(), file=file)
 
     # --- frames -------------------------------------------------------------------------------
 

@@ -74,6 +74,14 @@ impl Record {
     }
 }
 
+impl Cause {
+    /// The cause as numbers: kind (1 requested, 2 panic, 3 fault, 4 interrupt) and its two details.
+    #[must_use]
+    pub const fn words(self) -> [u32; 3] {
+        encode(self)
+    }
+}
+
 impl Default for Record {
     fn default() -> Self {
         Self::new()

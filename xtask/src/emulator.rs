@@ -1,6 +1,7 @@
 //! `cargo xtask qemu-test`: the firmware in QEMU, driven by a Python client.
 
 use std::env;
+use std::path::Path;
 use std::process::Command;
 
 use crate::board;
@@ -29,6 +30,13 @@ pub(crate) fn test(names: &[String]) -> Result<(), Error> {
     require()?;
     let toolchain = Toolchain::find()?;
     let elf = build(&toolchain, &board::find("qemu")?, APPLICATION)?;
+    test_image(&elf, names, None)
+}
+
+/// Runs the Python tests against an image. Each test appends the high-water mark of the stack to the file
+/// `stack`, if there is one.
+pub(crate) fn test_image(elf: &Path, names: &[String], stack: Option<&Path>) -> Result<(), Error> {
+    require()?;
     let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let mut modules = Command::new(&python);
     modules.args(["-c", "import can, serial"]);
@@ -43,6 +51,9 @@ pub(crate) fn test(names: &[String]) -> Result<(), Error> {
         .env("WINDLASS_IMAGE", elf)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
+    if let Some(stack) = stack {
+        tests.env("WINDLASS_STACK", stack);
+    }
     if names.is_empty() {
         tests.arg("test_firmware");
     } else {

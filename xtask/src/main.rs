@@ -1,12 +1,14 @@
 //! Commands of the Windlass workspace, run as `cargo xtask COMMAND`.
 
 mod board;
+mod calls;
 mod emulator;
 mod error;
 mod firmware;
 mod image;
 mod measure;
 mod panics;
+mod stack;
 mod toolchain;
 mod trace;
 
@@ -36,6 +38,8 @@ enum Command {
     Trace,
     /// Proves by linking that no function of the core can panic
     NoPanic,
+    /// Prints how much stack the firmware can need and was seen to need in QEMU
+    Stack,
     /// Runs the firmware in QEMU and drives it with python-can
     QemuTest {
         /// Tests to run, as unittest names them; all by default
@@ -48,6 +52,7 @@ fn main() -> ExitCode {
         Command::Firmware { board } => firmware::run(&board),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
+        Command::Stack => stack::run(),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

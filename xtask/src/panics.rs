@@ -68,11 +68,11 @@ fn link(toolchain: &Toolchain, folder: &Path, script: Option<&Path>) -> Result<(
         .args(["--bin", PROGRAM])
         .arg("--features")
         .arg(format!("board-{}", board.name));
-    if let Some(flag) = toolchain.unstable_flag("-Zcross-crate-inline-threshold=never") {
-        // Otherwise small functions are compiled only where they are called, and some are called by
-        // nobody here.
-        command.env("RUSTFLAGS", flag);
-    }
+    // Without this, small functions are compiled only where they are called, and some are called by nobody
+    // here.
+    command
+        .env("RUSTC_BOOTSTRAP", "1")
+        .env("RUSTFLAGS", "-Zcross-crate-inline-threshold=never");
     if let Some(script) = script {
         command
             .arg("--")

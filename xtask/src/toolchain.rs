@@ -99,11 +99,6 @@ impl Toolchain {
         }
         command
     }
-
-    /// An unstable flag of the compiler, if this one takes it: one that builds the library does.
-    pub(crate) fn unstable_flag(&self, flag: &'static str) -> Option<&'static str> {
-        matches!(self.library, Library::Built { .. }).then_some(flag)
-    }
 }
 
 impl fmt::Display for Toolchain {

@@ -12,7 +12,8 @@ mod serial;
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
-use cortex_m_semihosting::hprintln;
+use cortex_m_semihosting::hio;
+use heapless::Vec;
 use static_cell::StaticCell;
 use stm32_metapac as pac;
 use windlass_core::engine::snapshot::Actuation;
@@ -33,6 +34,9 @@ use bus::SlcanBus;
 
 /// Difference of boards that were made on one day: here there is only one.
 const SEED: u32 = 0x5EED_0001;
+
+/// One line for the emulator's console.
+type Text = Vec<u8, 64>;
 
 static CROSSING: Crossing = Crossing::new();
 
@@ -140,10 +144,7 @@ impl Board for Qemu {
 
 /// Starts the hardware and runs thread mode.
 pub fn run() -> ! {
-    match RECORD.take() {
-        Some(cause) => hprintln!("windlass: restarted after {:?}", cause),
-        None => hprintln!("windlass: started"),
-    }
+    report_start();
     if let Some(mut core) = Peripherals::take() {
         chip::start_serial(&mut core.NVIC, serial::CAN, pac::Interrupt::USART1);
         chip::start_serial(&mut core.NVIC, serial::POKES, pac::Interrupt::USART2);
@@ -158,6 +159,33 @@ pub fn run() -> ! {
         }
         serial::take_pokes();
         cortex_m::asm::wfi();
+    }
+}
+
+/// Tells the emulator's console why the program starts. Without the formatting of the standard library,
+/// whose calls through tables would make the depth of the stack unknowable.
+fn report_start() {
+    let mut text: Text = Text::new();
+    let mut append = |bytes: &[u8]| {
+        // The capacity is that of the longest text.
+        let _ = text.extend_from_slice(bytes);
+    };
+    match RECORD.take() {
+        None => append(b"windlass: started"),
+        Some(cause) => {
+            append(b"windlass: restarted, cause");
+            for word in cause.words() {
+                append(b" ");
+                for shift in (0..8).rev() {
+                    append(&[b"0123456789abcdef"[(word >> (4 * shift)) as usize & 0xF]]);
+                }
+            }
+        }
+    }
+    append(b"\n");
+    if let Ok(mut console) = hio::hstdout() {
+        // Nobody may be listening.
+        let _ = console.write_all(&text);
     }
 }
 

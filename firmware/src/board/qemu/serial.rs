@@ -9,6 +9,7 @@ use stm32_metapac::{USART1, USART2, interrupt};
 
 use super::{poke, rig};
 use crate::chip::stm32f405_emulated as chip;
+use crate::stack;
 
 /// The line that carries SLCAN.
 pub(super) const CAN: Usart = USART1;
@@ -69,10 +70,22 @@ pub(super) fn take_pokes() {
     while let Some(byte) = next(POKES, &POKE_BYTES) {
         let line = critical_section::with(|token| READER.borrow_ref_mut(token).push(byte));
         let Some(line) = line else { continue };
-        let accepted = match &line {
-            Line::Content(content) => poke::parse(content).is_some_and(rig::poke),
-            Line::TooLong => false,
+        let answer: &[u8] = match &line {
+            Line::Content(content) if content == b"stack" => &high_water(),
+            Line::Content(content) if poke::parse(content).is_some_and(rig::poke) => b"ok\r",
+            _ => b"error\r",
         };
-        chip::write(POKES, if accepted { b"ok\r" } else { b"error\r" });
+        chip::write(POKES, answer);
     }
+}
+
+/// Bytes of the stack that have been used so far, five digits.
+fn high_water() -> [u8; 6] {
+    let mut rest = stack::high_water();
+    let mut text = *b"00000\r";
+    for digit in text.iter_mut().take(5).rev() {
+        *digit = b'0' + (rest % 10) as u8;
+        rest /= 10;
+    }
+    text
 }

@@ -1,0 +1,91 @@
+//! `cargo xtask stack`: how much stack the firmware can need, and how much it was seen to need.
+
+use std::fs;
+
+use crate::board;
+use crate::calls::{CallGraph, Depth};
+use crate::emulator;
+use crate::error::Error;
+use crate::firmware::{APPLICATION, checked};
+use crate::image::Image;
+use crate::toolchain::{TARGET, Toolchain};
+
+/// What the processor pushes for an interrupt, with floating-point registers and alignment (ARMv7-M
+/// Architecture Reference Manual, B1.5.7): 26 words, aligned to 8 bytes.
+const EXCEPTION_FRAME: u64 = 112;
+/// Priorities of the emulated board, each with its handlers: one handler of each can be active.
+const PRIORITIES: [&[&str]; 3] = [&["PendSV"], &["USART1", "USART2"], &["SysTick"]];
+/// Tests that are run for the high-water mark.
+const TESTS: [&str; 1] = ["test_firmware.Management"];
+
+/// Prints both figures; more than the region is an error.
+pub(crate) fn run() -> Result<(), Error> {
+    let toolchain = Toolchain::find()?;
+    let folder = crate::root().join("target/firmware/stack");
+    let board = board::find("qemu")?;
+    let mut command = toolchain.cargo("build", &folder);
+    command
+        .env("RUSTC_BOOTSTRAP", "1")
+        .env("RUSTFLAGS", "-Zemit-stack-sizes")
+        .args(["--package", "windlass-firmware", "--profile", "firmware"])
+        .args(["--bin", APPLICATION])
+        .arg("--features")
+        .arg(format!("board-{}", board.name));
+    checked("cargo", &mut command, "is the toolchain complete?")?;
+    let elf = folder.join(TARGET).join("firmware").join(APPLICATION);
+    let image = Image::read(&elf)?;
+    let region = image.symbol("_stack_start")? - image.symbol("_stack_end")?;
+    let graph = CallGraph::read(&elf)?;
+    let depth = |name: &str| {
+        graph.depth(name).ok_or_else(|| Error::Image {
+            path: elf.clone(),
+            what: format!("it has no function {name}"),
+        })
+    };
+    let mut total = show("thread mode", &depth("main")?);
+    for handlers in PRIORITIES {
+        let mut deepest = 0;
+        for handler in handlers {
+            deepest = deepest.max(show(handler, &depth(handler)?));
+        }
+        total += deepest + EXCEPTION_FRAME;
+    }
+    println!("static worst case {total} bytes (with {EXCEPTION_FRAME} pushed for each interrupt)");
+    let seen = folder.join("high-water.txt");
+    fs::write(&seen, "").map_err(|cause| Error::File {
+        path: seen.clone(),
+        cause,
+    })?;
+    emulator::test_image(&elf, &TESTS.map(str::to_owned), Some(&seen))?;
+    let text = fs::read_to_string(&seen).map_err(|cause| Error::File {
+        path: seen.clone(),
+        cause,
+    })?;
+    let high_water = text.lines().filter_map(|line| line.parse::<u64>().ok()).max();
+    println!("high-water mark   {} bytes", high_water.unwrap_or(0));
+    println!("region            {region} bytes");
+    if total > region {
+        return Err(Error::TooLarge {
+            what: format!("stack {total} of {region} bytes"),
+        });
+    }
+    Ok(())
+}
+
+fn show(name: &str, depth: &Depth) -> u64 {
+    println!("{name}: {} bytes", depth.bytes);
+    for (function, frame) in depth.chain.iter().filter(|(_, frame)| *frame >= 100) {
+        println!("    {frame:>5} {function}");
+    }
+    for (what, functions) in [
+        ("frame unknown, taken as 64 bytes", &depth.unknown),
+        ("calls through a register, not followed", &depth.indirect),
+        ("can call itself, counted once", &depth.recursive),
+    ] {
+        if !functions.is_empty() {
+            let names: Vec<&str> = functions.iter().map(String::as_str).collect();
+            println!("    {what}: {}", names.join(", "));
+        }
+    }
+    depth.bytes
+}
