@@ -31,13 +31,20 @@ fn python_clients_drive_the_bench() {
         .output()
         .expect("the interpreter that was just asked for its modules runs");
     let report = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{}\n{report}", String::from_utf8_lossy(&output.stdout));
+    assert!(
+        output.status.success(),
+        "{}\n{report}",
+        String::from_utf8_lossy(&output.stdout)
+    );
     eprintln!("{report}");
 }
 
 /// Whether this interpreter has the two modules the suite needs; the reason if it has not.
 fn check_modules(python: &str) -> Result<(), String> {
-    match Command::new(python).args(["-c", "import can, serial"]).output() {
+    match Command::new(python)
+        .args(["-c", "import can, serial"])
+        .output()
+    {
         Ok(output) if output.status.success() => Ok(()),
         Ok(output) => Err(last_line(&output)),
         Err(error) => Err(format!("`{python}` can not be started ({error})")),
@@ -46,7 +53,10 @@ fn check_modules(python: &str) -> Result<(), String> {
 
 fn last_line(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr);
-    text.lines().last().unwrap_or("no module can be imported").to_owned()
+    text.lines()
+        .last()
+        .unwrap_or("no module can be imported")
+        .to_owned()
 }
 
 /// The `windlass` binary of the profile this test was built with.
@@ -63,31 +73,54 @@ fn binary() -> PathBuf {
     if !is_fresh(&binary) {
         build(profile);
     }
-    assert!(binary.exists(), "`cargo build` did not make {}", binary.display());
+    assert!(
+        binary.exists(),
+        "`cargo build` did not make {}",
+        binary.display()
+    );
     binary
 }
 
 /// Whether the binary is newer than every source in the dependency file beside it.
 fn is_fresh(binary: &Path) -> bool {
-    let Some(built) = modified(binary) else { return false };
-    let Ok(dependencies) = fs::read_to_string(binary.with_extension("d")) else { return false };
+    let Some(built) = modified(binary) else {
+        return false;
+    };
+    let Ok(dependencies) = fs::read_to_string(binary.with_extension("d")) else {
+        return false;
+    };
     // One line, `binary: source source …`, with spaces inside a path escaped by a backslash.
-    let sources = dependencies.lines().filter_map(|line| line.split_once(": ")).map(|pair| pair.1);
-    sources.flat_map(split_paths).all(|source| modified(&source).is_some_and(|time| time <= built))
+    let sources = dependencies
+        .lines()
+        .filter_map(|line| line.split_once(": "))
+        .map(|pair| pair.1);
+    sources
+        .flat_map(split_paths)
+        .all(|source| modified(&source).is_some_and(|time| time <= built))
 }
 
 fn split_paths(line: &str) -> Vec<PathBuf> {
     let unescaped = line.replace("\\ ", "\0");
-    unescaped.split_whitespace().map(|path| PathBuf::from(path.replace('\0', " "))).collect()
+    unescaped
+        .split_whitespace()
+        .map(|path| PathBuf::from(path.replace('\0', " ")))
+        .collect()
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {
-    fs::metadata(path).and_then(|metadata| metadata.modified()).ok()
+    fs::metadata(path)
+        .and_then(|metadata| metadata.modified())
+        .ok()
 }
 
 fn build(profile: &Path) {
-    let name = profile.file_name().and_then(|name| name.to_str()).unwrap_or("debug");
-    let target = profile.parent().expect("a profile's folder stands in the target folder");
+    let name = profile
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or("debug");
+    let target = profile
+        .parent()
+        .expect("a profile's folder stands in the target folder");
     let cargo = env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let status = Command::new(cargo)
         .args(["build", "-p", "windlass", "--bin", "windlass", "--profile"])
@@ -97,5 +130,8 @@ fn build(profile: &Path) {
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .status()
         .expect("cargo, which runs this test, starts");
-    assert!(status.success(), "`cargo build -p windlass` failed; its messages are above");
+    assert!(
+        status.success(),
+        "`cargo build -p windlass` failed; its messages are above"
+    );
 }
