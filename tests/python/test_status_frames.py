@@ -190,6 +190,16 @@ class EncoderFields(BenchTest):
             self.assertEqual(encoder.velocity > 0, duty > 0)
             self.assertEqual(encoder.reserved, b"\0\0")
 
+    def test_velocity_is_the_change_of_the_position_in_100_ms(self):
+        device = self.one()
+        device.run(dmc60c.VOLTAGE, 10_000, 2_000_000)
+        frames = [dmc60c.Encoder(seen.data) for seen in self.pick(
+            device.run(dmc60c.VOLTAGE, 10_000, 1_000_000), dmc60c.STATUS_ENCODER)]
+        self.assertGreaterEqual(len(frames), 9)
+        for earlier, later in zip(frames, frames[1:]):
+            self.assertNear(later.position - earlier.position, later.velocity,
+                            later.velocity * 0.005 + 2)
+
     def test_velocity_divide_flag_above_sixteen_bits(self):
         device = self.one()
         self.bench.poke(0, battery_v=15.0)  # free speed of the default motor: some 45 000 counts
@@ -261,6 +271,16 @@ class AnalogFields(BenchTest):
             currents[multiplier] = analog.current
         self.assertNear(currents[0x840] / currents[0x816], 0x840 / 0x816, 0.004)
         self.assertNear(currents[0x816 // 2] / currents[0x816], 0.5, 0.004)
+
+    def test_a_saturated_conversion_reads_the_end_of_the_range(self):
+        # 2047 steps of 0x816 / 65536 A: the range is some 64.7 A to either side.
+        device = self.one()
+        self.bench.poke(0, stall=True)
+        for duty, end in ((26_000, 64.66), (-26_000, -64.69)):
+            analog = device.analog(device.run(dmc60c.VOLTAGE, duty, 300_000))
+            self.assertGreater(abs(self.bench.node()["current_a"]), 66)
+            self.assertNear(analog.current, end, 0.2)
+            device.run(dmc60c.NO_DRIVE, 0, 100_000)
 
     def test_multiplier_of_the_formula(self):
         # (3.3 / 4096) / (0.0005 * 50) * 65536 = 2112 = 0x840 for a shunt of 500 microohms
