@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Runs the Python acceptance tests of the bench.
 
-    python3 tests/python/run.py [path of the windlass binary] [unittest options]
+    python3 tests/python/run.py [path of the windlass binary] [tests or unittest options]
+
+for example `run.py target/debug/windlass test_limits` or `run.py -k soft`.
 
 The binary may also be named by the environment variable WINDLASS_BIN. Needs python-can 4 and
 pyserial (`pip install python-can pyserial`). Exit code 0 when every test passed.
@@ -19,11 +21,9 @@ def main() -> int:
     if arguments and not arguments[0].startswith("-") and os.path.isfile(arguments[0]):
         os.environ["WINDLASS_BIN"] = os.path.abspath(arguments.pop(0))
     sys.path.insert(0, HERE)
-    names = [name for name in arguments if not name.startswith("-")]
-    options = [name for name in arguments if name.startswith("-")]
-    if not names:
-        names = ["discover", "-s", HERE, "-p", "test_*.py"]
-    program = unittest.main(module=None, argv=["run.py", *names, *options], exit=False)
+    if not arguments or arguments[0].startswith("-"):
+        arguments = ["discover", "-s", HERE, "-p", "test_*.py", *arguments]
+    program = unittest.main(module=None, argv=["run.py", *arguments], exit=False)
     return 0 if program.result.wasSuccessful() else 1
 
 

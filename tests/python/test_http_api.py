@@ -8,7 +8,7 @@ from dmc60c import Frame
 from windlass_bench import ApiError, BenchTest
 
 NODE_FIELDS = {
-    "dialect": str, "number": int, "position_counts": int, "velocity_counts_per_100ms": int,
+    "dialect": str, "number": int, "position_counts": int, "velocity_counts_per_100ms": (int, float),
     "current_a": (int, float), "bus_v": (int, float), "temp_c": (int, float), "duty": int,
     "neutral": str, "fwd_limit_closed": bool, "rev_limit_closed": bool, "leds": object,
     "mode": str, "powered": bool, "flash_writes": int, "flash_erases": int,
@@ -19,7 +19,7 @@ POKES = {
     "short_circuit": False, "gate_driver_fault": False, "bus_connected": True, "powered": True,
 }
 WRONG = {
-    "fwd_limit_closed": "yes", "index_pin": 1, "analog_v": "1 V", "battery_v": None,
+    "fwd_limit_closed": "yes", "index_pin": 1, "analog_v": "1 V", "battery_v": "12",
     "temp_c": [20], "load_nm": {}, "stall": "false", "powered": 0,
 }
 

@@ -89,7 +89,7 @@ class Bench:
         command += args
         self._errors = tempfile.TemporaryFile(mode="w+")
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=self._errors, text=True)
+            command, stdout=subprocess.PIPE, stderr=self._errors)
         self.endpoints = {}
         self.lines = []
         self._read_endpoints()
@@ -97,17 +97,18 @@ class Bench:
         self.now = 0  # virtual time in µs, as counted from the steps that were asked for
 
     def _read_endpoints(self):
-        while True:
+        text = ""
+        while "ready" not in self.lines:
             ready, _, _ = select.select([self.process.stdout], [], [], STARTUP_SECONDS)
-            line = self.process.stdout.readline() if ready else ""
-            if not line:
+            received = os.read(self.process.stdout.fileno(), 4096) if ready else b""
+            if not received:
                 self.process.kill()
                 self.process.wait()
-                raise RuntimeError(f"the bench did not come up: {self.lines} {self.errors()}")
-            self.lines.append(line.rstrip("\n"))
-            if self.lines[-1] == "ready":
-                return
-            kind, _, value = self.lines[-1].partition(" ")
+                raise RuntimeError(f"the bench did not come up: {text!r} {self.errors()}")
+            text += received.decode()
+            self.lines = text.splitlines() if text.endswith("\n") else []
+        for line in self.lines[:-1]:
+            kind, _, value = line.partition(" ")
             self.endpoints[kind] = value
 
     def errors(self) -> str:
