@@ -153,6 +153,8 @@ impl Frame {
     }
 }
 
+// An index out of bounds would be a compile error where the frame is constant, and `N` is at most 8.
+#[allow(clippy::indexing_slicing)]
 const fn widen<const N: usize>(data: [u8; N]) -> [u8; 8] {
     let mut bytes = [0; 8];
     let mut at = 0;

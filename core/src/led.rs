@@ -137,7 +137,7 @@ pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
         Indication::NoLink => [blink(ms, NO_LINK_MS, Colour::Red); 4],
         Indication::Halted => {
             let (orange, off) = (Colour::Orange, Colour::Off);
-            if ms / HALTED_MS % 2 == 0 {
+            if (ms / HALTED_MS).is_multiple_of(2) {
                 [orange, orange, off, off]
             } else {
                 [off, off, orange, orange]
@@ -156,7 +156,7 @@ pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
 }
 
 fn blink(ms: u64, half_period: u64, colour: Colour) -> Colour {
-    if ms / half_period % 2 == 0 {
+    if (ms / half_period).is_multiple_of(2) {
         colour
     } else {
         Colour::Off
@@ -194,7 +194,7 @@ fn drive(ms: u64, duty: Duty) -> [Colour; 4] {
 fn fault_flash(ms: u64, bit: u8) -> Colour {
     let flashes = u64::from(bit) + 1;
     let slot = ms / FLASH_MS % (2 * flashes + 4);
-    if slot < 2 * flashes && slot % 2 == 0 {
+    if slot < 2 * flashes && slot.is_multiple_of(2) {
         Colour::Red
     } else {
         Colour::Orange

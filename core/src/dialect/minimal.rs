@@ -12,7 +12,7 @@
 use embedded_can::Id;
 
 use super::schedule::Periodic;
-use super::{Bad, Decoded, Dialect, Intent, Outcome, Request, View};
+use super::{Bad, Decoded, Dialect, Intent, Outcome, Outgoing, Request, View};
 use crate::engine::command::{DriveOpts, Setpoint};
 use crate::engine::settings::{Policy, Resume};
 use crate::frame::Frame;
@@ -77,21 +77,21 @@ impl Dialect for Minimal {
         *self = Self::default();
     }
 
-    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame> {
+    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Outgoing> {
         let own = u16::from(view.number) & NUMBER_MASK;
         if let Some(outcome) = self.owed.take() {
-            return Some(match outcome.result {
+            return Some(Outgoing::Answer(match outcome.result {
                 Ok(value) => {
                     let [a, b, c, d] = value.to_le_bytes();
                     Frame::standard(VALUE | own, [outcome.parameter, a, b, c, d])
                 }
                 Err(_) => Frame::standard(VALUE | own, [outcome.parameter]),
-            });
+            }));
         }
         self.status.take(now, STATUS_PERIOD).then(|| {
             let [low, high] = view.snapshot.duty().units().to_le_bytes();
             let [a, b, c, d] = view.snapshot.position.to_le_bytes();
-            Frame::standard(STATUS | own, [low, high, a, b, c, d])
+            Outgoing::Status(Frame::standard(STATUS | own, [low, high, a, b, c, d]))
         })
     }
 

@@ -69,6 +69,15 @@ pub enum Decoded {
     Bad(Bad),
 }
 
+/// A frame to send, with what it is for: that decides how often it is tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outgoing {
+    /// Somebody waits for it.
+    Answer(Frame),
+    /// A periodic frame, which the next period replaces.
+    Status(Frame),
+}
+
 /// What a dialect may look at when it encodes.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
@@ -105,7 +114,7 @@ pub trait Dialect {
     fn stop(&mut self);
 
     /// The next frame to send, an answer owed or a periodic frame that is due.
-    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame>;
+    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Outgoing>;
 
     /// When [`Dialect::encode`] has something to send next.
     fn next_deadline(&self) -> Option<Instant>;
@@ -202,7 +211,7 @@ macro_rules! dialects {
             }
 
             /// See [`Dialect::encode`].
-            pub fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame> {
+            pub fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Outgoing> {
                 match self { $( $(#[$meta])* Self::$dialect(inner) => inner.encode(now, view), )* }
             }
 

@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn derating_is_linear_from_85_to_105_degrees() {
-        let at = |celsius: i32| derated(&Board::DMC60C.thresholds, celsius << 16);
+        let at = |celsius: i32| derated(&Board::REFERENCE.thresholds, celsius << 16);
         assert_eq!(
             [at(84), at(85), at(90), at(95), at(105), at(150)],
             [32768, 32768, 24576, 16384, 0, 0]

@@ -42,6 +42,12 @@ pub struct Sensors {
     zero: ZeroCurrent,
 }
 
+impl Default for Sensors {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Sensors {
     /// Sensors at power-on: position 0, zero of the current unknown.
     #[must_use]

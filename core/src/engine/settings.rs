@@ -67,7 +67,7 @@ impl Board {
     /// a temperature sensor of 0.5 V at 0 °C and 10 mV/°C, AIN1 direct. Under-voltage is the guide's
     /// (`paramUnderVoltageStkyFltCnt`); the other thresholds are decisions of `docs/dmc60c.md`: the
     /// sense range ends at ±64.7 A, so over-current is 62 A for 4 s, or the conversion at a rail for 1 s.
-    pub const DMC60C: Self = Self {
+    pub const REFERENCE: Self = Self {
         bus_voltage: Linear {
             offset: 0,
             gain: 9293,

@@ -33,8 +33,10 @@ const DATA_IN_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
 /// waiting for answers loses some.
 const ANSWER_CAPACITY: usize = 8;
 
-/// Attempts for an enumeration answer: a destroyed one is sent once more (docs/dmc60c.md).
-pub const ENUMERATION_ATTEMPTS: u8 = 2;
+/// Attempts for the first enumeration answer. A destroyed one most likely met the answer of a controller
+/// with the same number and the same delay; sending it again at once would only repeat that, so it is
+/// withdrawn and comes once more after another delay (docs/dmc60c.md).
+pub const ENUMERATION_ATTEMPTS: u8 = 1;
 
 /// Unit of the enumeration delay (docs/dmc60c.md).
 const DELAY_UNIT: Duration = crate::time::TICK;
@@ -110,9 +112,18 @@ enum Transfer {
 #[derive(Clone, Copy, Debug)]
 enum Enumeration {
     Idle,
-    Waiting { due: Instant },
-    FirstOnTheWay { number: u8 },
-    SecondReady { number: u8 },
+    /// `again`: an attempt has been destroyed already.
+    Waiting {
+        due: Instant,
+        again: bool,
+    },
+    FirstOnTheWay {
+        number: u8,
+        again: bool,
+    },
+    SecondReady {
+        number: u8,
+    },
 }
 
 /// State of the management channel.
@@ -154,11 +165,6 @@ impl Management {
     /// The bus is lost: session, transfers and pending answers are void.
     pub fn stop(&mut self) {
         *self = Self::new(self.image);
-    }
-
-    /// The session id becomes another one on the same bus.
-    pub fn renew_session(&mut self, session: u16) {
-        self.session = self.session.map(|_| session);
     }
 
     /// Reads one frame. `own` is the present device number.
@@ -361,13 +367,14 @@ impl Management {
         let (Enumeration::Idle, Some(session)) = (self.enumeration, self.session) else {
             return;
         };
-        let units = if own == 0 {
-            u32::from(session & 0x7F)
-        } else {
-            2 * u32::from(own)
+        let units = match own {
+            0 => session_units(session),
+            number => 2 * u32::from(number),
         };
-        let delay = Duration::from_micros(u64::from(units.max(1)) * DELAY_UNIT.as_micros());
-        self.enumeration = Enumeration::Waiting { due: now + delay };
+        self.enumeration = Enumeration::Waiting {
+            due: now + delay(units),
+            again: false,
+        };
     }
 
     /// The next frame to send. Status goes before data, and both before parameters and enumeration.
@@ -389,8 +396,8 @@ impl Management {
             return Some((response.emit(own), Answer::Other));
         }
         match self.enumeration {
-            Enumeration::Waiting { due } if due <= now => {
-                self.enumeration = Enumeration::FirstOnTheWay { number: own };
+            Enumeration::Waiting { due, again } if due <= now => {
+                self.enumeration = Enumeration::FirstOnTheWay { number: own, again };
                 let response = EnumerateResponse0 {
                     session,
                     product_id,
@@ -421,13 +428,28 @@ impl Management {
         Some(frame)
     }
 
-    /// The first enumeration answer has been sent, or was destroyed too often.
-    pub fn enumerate_0_ended(&mut self, sent: bool) {
-        if let Enumeration::FirstOnTheWay { number } = self.enumeration {
-            self.enumeration = if sent {
-                Enumeration::SecondReady { number }
-            } else {
+    /// The first enumeration answer has been sent: the second follows.
+    pub fn enumerate_0_sent(&mut self) {
+        if let Enumeration::FirstOnTheWay { number, .. } = self.enumeration {
+            self.enumeration = Enumeration::SecondReady { number };
+        }
+    }
+
+    /// The first enumeration answer was destroyed: the session id becomes `session`, and the answer comes
+    /// once more, after the delay of that session.
+    pub fn enumerate_0_destroyed(&mut self, now: Instant, session: u16) {
+        let Some(present) = &mut self.session else {
+            return;
+        };
+        *present = session;
+        if let Enumeration::FirstOnTheWay { again, .. } = self.enumeration {
+            self.enumeration = if again {
                 Enumeration::Idle
+            } else {
+                Enumeration::Waiting {
+                    due: now + delay(session_units(session)),
+                    again: true,
+                }
             };
         }
     }
@@ -440,9 +462,19 @@ impl Management {
             || !self.answers.is_empty();
         match self.enumeration {
             _ if owed => Some(Instant::ZERO),
-            Enumeration::Waiting { due } => Some(due),
+            Enumeration::Waiting { due, .. } => Some(due),
             Enumeration::SecondReady { .. } => Some(Instant::ZERO),
             Enumeration::Idle | Enumeration::FirstOnTheWay { .. } => None,
         }
     }
+}
+
+/// Delay of a device without a number: seven bits of its session id.
+fn session_units(session: u16) -> u32 {
+    u32::from(session & 0x7F)
+}
+
+/// An enumeration delay, at least one unit.
+fn delay(units: u32) -> Duration {
+    Duration::from_micros(u64::from(units.max(1)) * DELAY_UNIT.as_micros())
 }

@@ -243,6 +243,8 @@ impl ParameterId {
 }
 
 /// Position in [`TABLE`] of every wire number, `u8::MAX` for unused ones.
+// Evaluated by the compiler: an index out of bounds would be a compile error.
+#[allow(clippy::indexing_slicing)]
 static POSITIONS: [u8; 256] = {
     let mut positions = [u8::MAX; 256];
     let mut at = 0;

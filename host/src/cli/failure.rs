@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use crate::client::{self, ValueError};
 use crate::transport::BusError;
 
 /// What went wrong, by the exit code it leads to (`docs/command.md`).
@@ -62,7 +63,31 @@ impl Failure {
 
 impl From<BusError> for Failure {
     fn from(error: BusError) -> Self {
-        Self::new(Kind::Bus, error.to_string(), error.next_step())
+        let kind = match error {
+            BusError::BadTransport { .. } => Kind::Usage,
+            BusError::Open { .. } | BusError::Lost { .. } => Kind::Bus,
+        };
+        Self::new(kind, error.to_string(), error.next_step())
+    }
+}
+
+impl From<client::Error> for Failure {
+    fn from(error: client::Error) -> Self {
+        use client::Error;
+        let kind = match error {
+            Error::Bus(error) => return error.into(),
+            Error::NoDevice | Error::NotFound { .. } | Error::Ambiguous { .. } => Kind::NoDevice,
+            Error::NoAnswer { .. } | Error::WrongSession { .. } => Kind::NoAnswer,
+            Error::Refused { .. } | Error::Value(_) => Kind::Refused,
+            Error::BadAnswer { .. } => Kind::Unexpected,
+        };
+        Self::new(kind, error.to_string(), error.next_step())
+    }
+}
+
+impl From<ValueError> for Failure {
+    fn from(error: ValueError) -> Self {
+        client::Error::from(error).into()
     }
 }
 
@@ -111,7 +136,7 @@ pub(super) fn report(failure: &Failure, json: bool) -> ExitCode {
             "code": code,
         }});
         // A closed standard output leaves only the exit code to tell the error.
-        let _ = super::output::line(format_args!("{document}"));
+        let _ = super::output::json(&document);
     } else {
         eprintln!("error: {}\nnext: {}", failure.message, failure.next);
     }

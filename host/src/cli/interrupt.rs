@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::{Failure, Kind};
+use super::{Failure, Kind, Outcome};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
@@ -12,12 +12,13 @@ pub fn interrupted() -> bool {
     INTERRUPTED.load(Ordering::Relaxed)
 }
 
-/// Takes over Ctrl-C, SIGTERM and SIGHUP. A second one ends the process at once, for the case that
-/// something waits without looking at the flag.
-pub(super) fn install() -> Result<(), Failure> {
-    ctrlc::set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
+/// Takes over Ctrl-C, SIGTERM and SIGHUP. With `gracefully` the first one only raises the flag, for a
+/// verb that looks at it; everything else ends the process at once.
+pub(super) fn install(gracefully: bool) -> Result<(), Failure> {
+    ctrlc::set_handler(move || {
+        let again = INTERRUPTED.swap(true, Ordering::Relaxed);
+        if again || !gracefully {
+            std::process::exit(i32::from(Outcome::Interrupted.code()));
         }
     })
     .map_err(|error| {

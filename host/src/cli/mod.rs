@@ -1,10 +1,20 @@
 //! The verbs of the `windlass` command.
 
+mod connect;
 pub mod demo;
 mod failure;
+mod faults;
+mod id;
+mod info;
 mod interrupt;
+mod monitor;
 pub mod output;
+mod param;
+mod run;
+mod sample;
+mod scan;
 pub mod sim;
+mod test;
 
 use std::process::ExitCode;
 
@@ -56,10 +66,36 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    /// List the devices on the bus.
+    Scan(scan::Arguments),
+    /// Show names, versions and flash wear of devices.
+    Info(info::Arguments),
+    /// Make a device blink, or give it a number or a name.
+    Id(id::Arguments),
+    /// Test devices and print a report; nothing moves.
+    Test(test::Arguments),
+    /// Read and write parameters.
+    Param(param::Arguments),
+    /// Drive a device, then switch it off.
+    Run(run::Arguments),
+    /// Watch the status of devices and the load of the bus.
+    Monitor(monitor::Arguments),
+    /// Show and clear faults.
+    Faults(faults::Arguments),
     /// Spin a simulated motor and show how to connect to the bench.
     Demo(demo::Arguments),
     /// Serve the virtual bench: SLCAN on TCP and on a pty, HTTP with JSON API and web page.
     Sim(sim::Arguments),
+}
+
+impl Verb {
+    /// True for the verbs that run until they see the flag of Ctrl-C and then clean up.
+    const fn ends_by_flag(&self) -> bool {
+        matches!(
+            self,
+            Self::Run(_) | Self::Monitor(_) | Self::Demo(_) | Self::Sim(_)
+        )
+    }
 }
 
 /// Parses the command line, runs the verb and gives the exit code.
@@ -73,7 +109,7 @@ pub fn main() -> ExitCode {
     let verb = cli
         .verb
         .unwrap_or_else(|| Verb::Demo(demo::Arguments::default()));
-    match interrupt::install().and_then(|()| dispatch(&verb, &global)) {
+    match interrupt::install(verb.ends_by_flag()).and_then(|()| dispatch(&verb, &global)) {
         Ok(outcome) => ExitCode::from(outcome.code()),
         Err(failure) => failure::report(&failure, global.json),
     }
@@ -81,6 +117,14 @@ pub fn main() -> ExitCode {
 
 fn dispatch(verb: &Verb, global: &Global) -> Result<Outcome, Failure> {
     match verb {
+        Verb::Scan(arguments) => scan::run(arguments, global),
+        Verb::Info(arguments) => info::run(arguments, global),
+        Verb::Id(arguments) => id::run(arguments, global),
+        Verb::Test(arguments) => test::run(arguments, global),
+        Verb::Param(arguments) => param::run(arguments, global),
+        Verb::Run(arguments) => run::run(arguments, global),
+        Verb::Monitor(arguments) => monitor::run(arguments, global),
+        Verb::Faults(arguments) => faults::run(arguments, global),
         Verb::Demo(arguments) => demo::run(arguments, global),
         Verb::Sim(arguments) => sim::run(arguments, global),
     }

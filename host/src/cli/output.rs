@@ -15,13 +15,21 @@ pub fn line(text: Arguments<'_>) -> io::Result<()> {
     out.flush()
 }
 
-/// Writes one line of text made like `format!`, giving a [`Failure`](super::Failure) when that fails.
-#[macro_export]
-#[doc(hidden)]
+/// Writes one line of text made like `format!`, giving a
+/// [`Failure`](super::Failure) when that fails.
 macro_rules! say {
     ($($text:tt)*) => {
         $crate::cli::output::line(format_args!($($text)*)).map_err($crate::cli::Failure::from)
     };
+}
+pub(crate) use say;
+
+/// Writes a JSON document as one line.
+///
+/// # Errors
+/// As [`line`].
+pub fn json(document: &serde_json::Value) -> io::Result<()> {
+    line(format_args!("{document}"))
 }
 
 /// A line that shows the present state: rewritten in place on a terminal, one line after the other

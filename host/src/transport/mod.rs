@@ -1,12 +1,22 @@
 //! Ways to reach a CAN bus, behind one trait and one transport string.
 
 mod error;
+mod sim;
+mod slcan;
+#[cfg(target_os = "linux")]
+mod socketcan;
+mod spec;
 
 use std::time::Duration;
 
 use windlass_core::frame::Frame;
 
 pub use error::BusError;
+pub use sim::SimBus;
+pub use slcan::{BIT_RATES, SlcanBus, Stream};
+#[cfg(target_os = "linux")]
+pub use socketcan::SocketCanBus;
+pub use spec::Transport;
 
 /// A frame from the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,4 +60,12 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     fn now(&self) -> Duration {
         (**self).now()
     }
+}
+
+/// Opens the bus that a transport string names; see [`Transport`] for the syntax.
+///
+/// # Errors
+/// The string makes no sense, or what it names cannot be opened.
+pub fn open(text: &str) -> Result<Box<dyn Bus>, BusError> {
+    text.parse::<Transport>()?.open()
 }

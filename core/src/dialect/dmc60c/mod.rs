@@ -14,7 +14,7 @@ use wire::{
 };
 
 use super::schedule::{Periodic, earlier};
-use super::{Bad, Decoded, Dialect, Intent, Outcome, View};
+use super::{Bad, Decoded, Dialect, Intent, Outcome, Outgoing, View};
 use crate::engine::command::{DriveOpts, LimitOverride, Neutral, Setpoint, Slot};
 use crate::engine::settings::{Policy, Resume};
 use crate::engine::snapshot::{Fault, LimitStatus, Mode};
@@ -91,16 +91,18 @@ impl Dialect for Dmc60c {
         *self = Self::default();
     }
 
-    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Frame> {
-        if self.general.take(now, period(view.params, ParameterId::GeneralPeriod)) {
-            Some(status_general(view).emit(view.number))
-        } else if self.encoder.take(now, period(view.params, ParameterId::EncoderPeriod)) {
-            Some(status_encoder(view).emit(view.number))
-        } else if self.analog.take(now, period(view.params, ParameterId::AnalogPeriod)) {
-            Some(status_analog(view).emit(view.number))
+    fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Outgoing> {
+        let params = view.params;
+        let frame = if self.general.take(now, period(params, ParameterId::GeneralPeriod)) {
+            status_general(view).emit(view.number)
+        } else if self.encoder.take(now, period(params, ParameterId::EncoderPeriod)) {
+            status_encoder(view).emit(view.number)
+        } else if self.analog.take(now, period(params, ParameterId::AnalogPeriod)) {
+            status_analog(view).emit(view.number)
         } else {
-            None
-        }
+            return None;
+        };
+        Some(Outgoing::Status(frame))
     }
 
     fn next_deadline(&self) -> Option<Instant> {

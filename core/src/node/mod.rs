@@ -4,143 +4,31 @@
 //! the command that the control tick reads; the engine itself runs elsewhere and is known only by its
 //! [`Snapshot`].
 
+mod parameters;
+#[cfg(test)]
+mod tests;
+mod types;
+
+pub use types::{
+    Action, Attempts, Counters, Handover, NodeConfig, PRODUCT_DMC60C, Tag, Transmission, TxOutcome,
+};
+
 use crate::dialect::schedule::earlier;
-use crate::dialect::{AnyDialect, Bad, Decoded, DialectKind, Intent, Outcome, Request, View};
-use crate::engine::command::{Command, DriveOpts, SetPosition, Setpoint};
-use crate::engine::settings::{Board, Settings};
+use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, Outgoing, View};
+use crate::engine::command::{Command, DriveOpts, Setpoint};
+use crate::engine::settings::Settings;
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
 use crate::frame::Frame;
 use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
-use crate::management::vendor::{CommandCode, ParameterError, PinTest, TestPin};
+use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management};
 use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SaveTimer, Stored, compile};
 use crate::time::Instant;
 
-/// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md).
-pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
-
-/// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Handover {
-    /// Session id that goes on.
-    pub session: u16,
-    /// The bootloader is to stay instead of starting the application.
-    pub stay_in_bootloader: bool,
-}
-
-/// What a node is made from.
-#[derive(Clone, Copy, Debug)]
-pub struct NodeConfig {
-    /// Conversion factors and limits of the board.
-    pub board: Board,
-    /// `pdid` of the enumeration answer.
-    pub product_id: u32,
-    /// Application version (`fwverApp`), major and minor byte; 0xFFFF if there is no application.
-    pub application_version: u16,
-    /// Bootloader version (`fwverBoot`).
-    pub bootloader_version: u16,
-    /// Which image runs.
-    pub image: ImageType,
-    /// Differs from board to board; session ids are drawn from it and the time.
-    pub seed: u32,
-    /// Left by the image before, if it restarted on purpose.
-    pub handover: Option<Handover>,
-}
-
-impl NodeConfig {
-    /// A DMC60C application with the versions of the guide's cover page (1.23 and 1.9).
-    #[must_use]
-    pub const fn dmc60c(seed: u32) -> Self {
-        Self {
-            board: Board::DMC60C,
-            product_id: PRODUCT_DMC60C,
-            application_version: 0x0117,
-            bootloader_version: 0x0109,
-            image: ImageType::Application,
-            seed,
-            handover: None,
-        }
-    }
-}
-
-/// How often a frame may be sent before it is given up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Attempts {
-    /// Until it gets through.
-    UntilSent,
-    /// Given up once it has been destroyed this often. Waiting for a busy bus is no attempt.
-    AtMost(u8),
-}
-
-/// Tells the node which of its frames a result belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tag(Answer);
-
-/// A frame to send.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Transmission {
-    /// The frame.
-    pub frame: Frame,
-    /// To be handed back with the result.
-    pub tag: Tag,
-    /// How hard to try.
-    pub attempts: Attempts,
-}
-
-/// What became of a transmission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TxOutcome {
-    /// Sent and acknowledged.
-    Sent,
-    /// Destroyed more often than allowed, or flushed.
-    Failed,
-}
-
-/// What the platform has to do for the node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Action {
-    /// Keep [`Node::stored`], then call [`Node::saved`].
-    Save,
-    /// Restart with this handover.
-    Reset(Handover),
-    /// Test the expansion header, then call [`Node::pin_test_done`].
-    PinTest(PinTest),
-}
-
-/// Frames counted by what became of them; all wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Frames received, for whomever.
-    pub received: u32,
-    /// Frames that meant nothing to this device.
-    pub ignored: u32,
-    /// Refused for their data length.
-    pub bad_length: u32,
-    /// Refused because they were remote frames.
-    pub remote: u32,
-    /// Refused for another session id.
-    pub wrong_session: u32,
-    /// Refused because nothing had asked for them.
-    pub unexpected: u32,
-    /// Parameter answers that found no place.
-    pub answers_lost: u32,
-    /// Losses of the bus.
-    pub bus_losses: u32,
-}
-
-impl Counters {
-    fn count_bad(&mut self, bad: Bad) {
-        let counter = match bad {
-            Bad::Length => &mut self.bad_length,
-            Bad::Remote => &mut self.remote,
-            Bad::Session => &mut self.wrong_session,
-            Bad::Unexpected => &mut self.unexpected,
-        };
-        *counter = counter.wrapping_add(1);
-    }
-}
+/// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
+const STATUS_ATTEMPTS: u8 = 1;
 
 /// One controller, apart from its engine and its hardware.
 #[derive(Clone, Debug)]
@@ -345,97 +233,6 @@ impl Node {
         }
     }
 
-    fn parameter(&mut self, now: Instant, query: Request, snapshot: &Snapshot) -> Outcome {
-        let (parameter, write) = match query {
-            Request::Read(parameter) => (parameter, None),
-            Request::Write(parameter, value) => (parameter, Some(value)),
-        };
-        let result = match (ParameterId::from_code(parameter), write) {
-            (None, _) => Err(ParameterError::BadParameter),
-            (Some(id), None) => Ok(self.read(id, snapshot)),
-            (Some(id), Some(value)) => self.write(now, id, value, snapshot),
-        };
-        Outcome { parameter, result }
-    }
-
-    /// The fault whose count a parameter shows.
-    fn counted_fault(id: ParameterId) -> Option<Fault> {
-        match id {
-            ParameterId::OverCurrentCount => Some(Fault::OverCurrent),
-            ParameterId::OverTemperatureCount => Some(Fault::OverTemperature),
-            ParameterId::UnderVoltageCount => Some(Fault::UnderVoltage),
-            ParameterId::GateDriverCount => Some(Fault::GateDriver),
-            ParameterId::CommunicationCount => Some(Fault::Communication),
-            _ => None,
-        }
-    }
-
-    fn read(&self, id: ParameterId, snapshot: &Snapshot) -> u32 {
-        match (id, Self::counted_fault(id)) {
-            (_, Some(fault)) => u32::from(self.faults.count(fault)),
-            (ParameterId::EncoderPosition, _) => snapshot.position as u32,
-            (ParameterId::ActiveFaults, _) => u32::from(snapshot.faults.bits()),
-            (ParameterId::StickyFaults, _) => u32::from(self.faults.sticky().bits()),
-            _ => self.stored.params.get(id),
-        }
-    }
-
-    /// Writes a parameter and gives its value in force; for faults and counts the value before it was
-    /// cleared (guide, `paramStickyFaults`).
-    fn write(
-        &mut self,
-        now: Instant,
-        id: ParameterId,
-        value: u32,
-        snapshot: &Snapshot,
-    ) -> Result<u32, ParameterError> {
-        match id {
-            ParameterId::EncoderPosition => {
-                self.command.set_position = SetPosition {
-                    counts: value as i32,
-                    generation: self.command.set_position.generation.wrapping_add(1),
-                };
-                return Ok(value);
-            }
-            ParameterId::ActiveFaults => return Ok(self.read(id, snapshot)),
-            ParameterId::StickyFaults => {
-                let before = self.read(id, snapshot);
-                if value != 0 && before != 0 {
-                    self.faults.clear_sticky();
-                    self.faults_changed(now);
-                }
-                return Ok(before);
-            }
-            _ => {}
-        }
-        if let Some(fault) = Self::counted_fault(id) {
-            let before = self.read(id, snapshot);
-            if value != 0 && before != 0 {
-                self.faults.clear_count(fault);
-                self.faults_changed(now);
-            }
-            return Ok(before);
-        }
-        match self.stored.params.set(id, value) {
-            Ok(changed) => {
-                if changed {
-                    self.parameter_changed(now, id);
-                }
-                Ok(value)
-            }
-            Err(_) => Err(ParameterError::BadValue),
-        }
-    }
-
-    fn parameter_changed(&mut self, now: Instant, id: ParameterId) {
-        use crate::params::table::Storage;
-        let policy = self.dialect.kind().policy();
-        self.settings = compile::settings(&self.stored.params, &self.config.board, &policy);
-        if id.row().storage == Storage::Persistent {
-            self.save_timer.changed(now);
-        }
-    }
-
     fn faults_changed(&mut self, now: Instant) {
         let (sticky, counts) = (self.faults.sticky(), self.faults.stored_counts());
         if (sticky, counts) != (self.stored.sticky, self.stored.fault_counts) {
@@ -488,25 +285,29 @@ impl Node {
             params: &self.stored.params,
             snapshot,
         };
-        let frame = self.dialect.encode(now, &view)?;
+        let (frame, attempts) = match self.dialect.encode(now, &view)? {
+            Outgoing::Answer(frame) => (frame, Attempts::UntilSent),
+            // Two devices of one number send their status under one identifier. Once they start at the
+            // same moment with different data they destroy each other, and would do so again at every
+            // repetition until both are error passive. The next period brings a new frame anyway.
+            Outgoing::Status(frame) => (frame, Attempts::AtMost(STATUS_ATTEMPTS)),
+        };
         Some(Transmission {
             frame,
             tag: Tag(Answer::Other),
-            attempts: Attempts::UntilSent,
+            attempts,
         })
     }
 
     /// A transmission has ended.
     pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
-        if tag.0 == Answer::Enumerate0 {
-            let sent = outcome == TxOutcome::Sent;
-            self.management.enumerate_0_ended(sent);
-            if !sent && self.management.session().is_some() {
-                // Somebody answered at the same moment under the same number: most likely with the
-                // same session id, so that the next delay would collide again.
+        match (tag.0, outcome) {
+            (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
+            (Answer::Enumerate0, TxOutcome::Failed) => {
                 let session = self.draw_session(now);
-                self.management.renew_session(session);
+                self.management.enumerate_0_destroyed(now, session);
             }
+            (Answer::Other, _) => {}
         }
     }
 

@@ -1,0 +1,137 @@
+//! Properties that hold for any input whatever.
+
+use super::*;
+use proptest::prelude::*;
+
+fn any_setpoint() -> impl Strategy<Value = Setpoint> {
+    prop_oneof![
+        Just(Setpoint::Off),
+        any::<i16>().prop_map(|duty| Setpoint::Duty(Duty::new(duty))),
+        any::<i32>().prop_map(Setpoint::Velocity),
+        any::<i32>().prop_map(Setpoint::Position),
+        any::<i32>().prop_map(|bits| Setpoint::Current(Amps::from_bits(bits))),
+        any::<i32>().prop_map(|bits| Setpoint::Voltage(Volts::from_bits(bits))),
+        (0..4_u8).prop_map(Setpoint::Follow),
+        Just(Setpoint::Pulse),
+    ]
+}
+
+fn any_opts() -> impl Strategy<Value = DriveOpts> {
+    (any::<[bool; 6]>(), 0..3_u8, any::<u16>()).prop_map(|(flags, neutral, ramp)| {
+        let [
+            slot,
+            enabled,
+            disable_forward,
+            disable_reverse,
+            reverse_sensor,
+            reverse_motor,
+        ] = flags;
+        DriveOpts {
+            slot: if slot { Slot::One } else { Slot::Zero },
+            neutral: [None, Some(Neutral::Brake), Some(Neutral::Coast)][usize::from(neutral)],
+            limits: LimitOverride {
+                enabled,
+                disable_forward,
+                disable_reverse,
+            },
+            reverse_sensor,
+            reverse_motor,
+            ramp,
+        }
+    })
+}
+
+prop_compose! {
+    fn any_command()(
+        sequence in 0..3_u32, setpoint in any_setpoint(), opts in any_opts(),
+        duty: i16, report in 0..3_u32, counts: i32, generation in 0..3_u32,
+    ) -> Command {
+        Command {
+            sequence, setpoint, opts,
+            master: MasterReport { duty: Duty::new(duty), sequence: report },
+            set_position: SetPosition { counts, generation },
+        }
+    }
+}
+
+prop_compose! {
+    fn any_sample()(
+        encoder: u32, pins: [bool; 5], gate in 0..20_u8, edges in 0..3_u16, count: u32,
+        analog: [u16; 4], width_us: u16, pulses in 0..3_u16,
+    ) -> Sample {
+        let [forward_limit, reverse_limit, encoder_a, encoder_b, encoder_index] = pins;
+        Sample {
+            encoder,
+            pins: Pins {
+                forward_limit, reverse_limit, encoder_a, encoder_b, encoder_index,
+                gate_driver_fault: gate == 0,
+            },
+            index_rising: IndexCapture { edges, count },
+            index_falling: IndexCapture { edges, count: count / 2 },
+            current: analog[0], bus_voltage: analog[1], temperature: analog[2], analog_in: analog[3],
+            pulse: Pulse { width_us, count: pulses },
+        }
+    }
+}
+
+fn any_params() -> impl Strategy<Value = Params> {
+    proptest::collection::vec((any::<u8>(), any::<u32>(), 0..4_u8), 0..30).prop_map(|writes| {
+        let mut params = Params::new();
+        for (code, value, small) in writes {
+            if let Some(id) = ParameterId::from_code(code) {
+                let value = if small == 0 { value } else { value & 1 };
+                let _ = params.set(id, value);
+            }
+        }
+        params
+    })
+}
+
+proptest! {
+    /// I1 for the engine, I3, I4 and the limits: whatever goes in, nothing panics, a fault means off, the
+    /// duty cycle stays within what is allowed, and no blocked direction is driven.
+    #[test]
+    fn i1_i3_i4_no_input_breaks_the_limits(
+        params in any_params(),
+        steps in proptest::collection::vec((any_sample(), any_command()), 1..40),
+        calm in 0..100_usize,
+    ) {
+        let mut rig = Rig::cold();
+        if calm > 30 {
+            rig = Rig::new();
+        }
+        rig.params = params;
+        for (sample, command) in steps {
+            rig.sample = Sample { current: if calm > 60 { 2048 } else { sample.current }, ..sample };
+            rig.command = command;
+            let duty = i32::from(rig.tick());
+            let snapshot = &rig.snapshot;
+            if !snapshot.faults.is_empty() || snapshot.state != DriveState::Running {
+                prop_assert_eq!(duty, 0);
+            }
+            if snapshot.mode.is_closed_loop() && duty != 0 {
+                let settings = compile::settings(&rig.params, &Board::REFERENCE, &rig.policy);
+                let slot = settings.slot(command.opts.slot);
+                prop_assert!(duty <= slot.forward_max && duty >= slot.reverse_max);
+            }
+            prop_assert!(duty <= 0 || !snapshot.forward.blocked);
+            prop_assert!(duty >= 0 || !snapshot.reverse.blocked);
+            prop_assert_eq!(
+                snapshot.actuation == Actuation::Drive(Duty::ZERO), false, "zero is never driven"
+            );
+        }
+    }
+
+    /// Idempotence: a command that is seen again changes nothing that a lost repetition would not.
+    #[test]
+    fn a_repeated_command_value_is_harmless(command in any_command(), sample in any_sample()) {
+        let mut once = Rig::new();
+        once.sample = Sample { current: 2048, ..sample };
+        once.command = command;
+        once.tick();
+        let mut again = once.clone();
+        again.command = command;
+        prop_assert_eq!(once.tick(), again.tick());
+        prop_assert_eq!(once.snapshot, again.snapshot);
+    }
+}

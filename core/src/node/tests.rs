@@ -1,0 +1,570 @@
+//! One node with its engine, frame by frame: what goes over the wire is all that these tests see.
+
+extern crate std;
+
+use std::vec::Vec;
+
+use super::*;
+use crate::dialect::dmc60c::wire::{Control0, ModeSelect, StatusGeneral};
+use crate::engine::Engine;
+use crate::engine::snapshot::{Sample, Snapshot};
+use crate::frc_id::base;
+use crate::management::vendor::{CommandCode, Descriptor};
+use crate::management::wire::{
+    ParameterRequest, ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
+};
+use crate::time::{Duration, TICK};
+use proptest::prelude::*;
+
+/// A powered controller whose frames are all sent at once.
+struct Bench {
+    node: Node,
+    engine: Engine,
+    sample: Sample,
+    snapshot: Snapshot,
+    now: Instant,
+    sent: Vec<(Instant, Frame)>,
+    actions: Vec<Action>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self::with(
+            &NodeConfig::dmc60c(1),
+            Some(Stored {
+                number: 5,
+                ..Stored::default()
+            }),
+        )
+    }
+
+    fn with(config: &NodeConfig, stored: Option<Stored>) -> Self {
+        Self {
+            node: Node::new(Instant::ZERO, config, stored.as_ref()),
+            engine: Engine::new(),
+            sample: Sample {
+                current: 2048,
+                bus_voltage: 1354,
+                temperature: 931,
+                ..Sample::default()
+            },
+            snapshot: Snapshot::default(),
+            now: Instant::ZERO,
+            sent: Vec::new(),
+            actions: Vec::new(),
+        }
+    }
+
+    /// A controller that has finished its self-check and seen a bus.
+    fn connected() -> Self {
+        let mut bench = Self::new();
+        bench.run(100);
+        bench.receive(&Frame::extended(0x1FFF_FFFF, []));
+        bench
+    }
+
+    fn flush(&mut self) {
+        while let Some(transmission) = self.node.poll_tx(self.now, &self.snapshot) {
+            self.sent.push((self.now, transmission.frame));
+            self.node
+                .on_transmitted(self.now, transmission.tag, TxOutcome::Sent);
+        }
+        while let Some(action) = self.node.take_action() {
+            self.actions.push(action);
+            if action == Action::Save {
+                self.node.saved();
+            }
+        }
+    }
+
+    fn receive(&mut self, frame: &Frame) {
+        self.node.on_frame(self.now, frame, &self.snapshot);
+        self.flush();
+    }
+
+    fn run(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            self.now = self.now + TICK;
+            let (settings, command) = (*self.node.settings(), *self.node.command());
+            self.snapshot = self.engine.tick(&settings, &self.sample, &command).1;
+            self.node.poll(self.now, &self.snapshot);
+            self.flush();
+        }
+    }
+
+    fn session(&self) -> u16 {
+        self.node.session().expect("a bus")
+    }
+
+    fn vendor(&mut self, command: u16, param1: u16) -> Option<VendorStatus> {
+        self.sent.clear();
+        let session = self.session();
+        self.receive(
+            &VendorCommand {
+                session,
+                command,
+                param1,
+                param2: 0,
+            }
+            .emit(self.node.number()),
+        );
+        self.sent
+            .iter()
+            .find_map(|(_, frame)| VendorStatus::parse(frame))
+    }
+
+    fn get(&mut self, parameter: u8) -> ParameterResponse {
+        let session = self.session();
+        self.sent.clear();
+        self.receive(&ParameterRequest { session, parameter }.emit(self.node.number()));
+        ParameterResponse::parse(&self.sent.last().expect("an answer").1).unwrap()
+    }
+
+    fn set(&mut self, parameter: u8, value: u32) -> ParameterResponse {
+        let session = self.session();
+        self.sent.clear();
+        self.receive(
+            &ParameterSet {
+                session,
+                parameter,
+                value,
+            }
+            .emit(self.node.number()),
+        );
+        ParameterResponse::parse(&self.sent.last().expect("an answer").1).unwrap()
+    }
+
+    fn duty(&mut self, duty: i16) {
+        let control = Control0 {
+            mode: ModeSelect::Voltage,
+            target: i32::from(duty),
+            ..Control0::default()
+        };
+        self.receive(&control.emit(self.node.number()));
+    }
+}
+
+#[test]
+fn nothing_is_sent_before_a_bus_is_seen_and_any_frame_shows_one() {
+    for frame in [
+        Frame::standard(0x7FF, [1]),
+        Frame::extended(0, []),
+        Frame::remote(Frame::standard(1, []).id(), 0).unwrap(),
+    ] {
+        let mut bench = Bench::new();
+        bench.run(1000);
+        assert!(bench.sent.is_empty());
+        assert_eq!(bench.node.session(), None);
+        bench.receive(&frame);
+        assert_ne!(bench.session(), 0);
+        bench.run(20);
+        assert_eq!(base(bench.sent[0].1.raw_id()), 0x0206_1400);
+    }
+}
+
+#[test]
+fn status_frames_come_every_10_and_100_ms() {
+    let mut bench = Bench::connected();
+    bench.run(2000);
+    let count = |wanted| {
+        bench
+            .sent
+            .iter()
+            .filter(|(_, frame)| base(frame.raw_id()) == wanted)
+            .count()
+    };
+    assert_eq!(
+        [count(0x0206_1400), count(0x0206_1480), count(0x0206_14C0)],
+        [100, 10, 10]
+    );
+}
+
+#[test]
+fn i2_silence_shows_on_the_wire_as_no_drive() {
+    let mut bench = Bench::connected();
+    bench.duty(8000);
+    bench.run(1);
+    assert_eq!(bench.snapshot.duty().units(), 8000);
+    bench.run(208);
+    assert_eq!(bench.snapshot.duty().units(), 0);
+    bench.run(20);
+    let status = bench.sent.iter().rev().find_map(|(_, frame)| {
+        (base(frame.raw_id()) == 0x0206_1400).then(|| StatusGeneral::parse(frame))?
+    });
+    assert_eq!(status.unwrap().mode, ModeSelect::NoDrive);
+}
+
+#[test]
+fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
+    let mut bench = Bench::connected();
+    for code in 0..=255 {
+        let response = bench.get(code);
+        assert_eq!(response.parameter, code);
+        match ParameterId::from_code(code) {
+            Some(id) => {
+                assert_eq!(
+                    (response.value, response.code),
+                    (id.row().default, 0),
+                    "{code}"
+                );
+            }
+            None => assert_eq!((response.value, response.code), (0, 1), "{code}"),
+        }
+    }
+    let refused = bench.set(37, 1);
+    assert_eq!((refused.value, refused.code), (0, 1));
+    let bad = bench.set(17, 40_000);
+    assert_eq!((bad.value, bad.code), (0, 2));
+    assert_eq!(bench.get(17).value, 32767);
+}
+
+#[test]
+fn a_parameter_acts_at_once_and_is_saved_by_the_15_s_rule() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.set(16, 1000).value, 1000);
+    bench.run(1);
+    assert_eq!(bench.actions, [Action::Save]);
+    bench.set(16, 1001);
+    bench.run(29_999);
+    assert_eq!(bench.actions.len(), 1);
+    bench.run(2);
+    assert_eq!(bench.actions.len(), 2);
+    bench.set(16, 1001);
+    bench.run(40_000);
+    assert_eq!(bench.actions.len(), 2, "an unchanged value writes nothing");
+    bench.set(93, 20);
+    bench.run(40_000);
+    assert_eq!(
+        bench.actions.len(),
+        2,
+        "a volatile parameter writes nothing"
+    );
+}
+
+#[test]
+fn stored_settings_come_back_and_volatile_ones_do_not() {
+    let mut bench = Bench::connected();
+    bench.set(10, 0x5_0000);
+    bench.set(93, 20);
+    bench.vendor(0x01, 9);
+    let stored = bench.node.stored();
+    let mut again = Bench::with(&NodeConfig::dmc60c(1), Some(stored));
+    again.run(10);
+    again.receive(&Frame::extended(0, []));
+    assert_eq!(again.node.number(), 9);
+    assert_eq!(again.get(10).value, 0x5_0000);
+    assert_eq!(again.get(93).value, 10);
+}
+
+#[test]
+fn a_new_number_answers_under_itself_and_a_refused_one_under_the_old() {
+    let mut bench = Bench::connected();
+    let status = bench.vendor(0x01, 17).unwrap();
+    assert_eq!(
+        status,
+        VendorStatus {
+            code: 0,
+            byte_count: 0
+        }
+    );
+    assert_eq!(bench.sent[0].1.extended_id(), Some(id::VENDOR_STATUS | 17));
+    assert_eq!(bench.actions, [Action::Save]);
+    assert_eq!(
+        bench.vendor(0x01, 64).unwrap().code,
+        CommandCode::BadParameter as u16
+    );
+    assert_eq!(bench.sent[0].1.extended_id(), Some(id::VENDOR_STATUS | 17));
+}
+
+#[test]
+fn sticky_faults_and_counts_are_read_then_cleared_independently() {
+    let mut bench = Bench::connected();
+    bench.sample.pins.gate_driver_fault = true;
+    bench.run(1);
+    bench.sample.pins.gate_driver_fault = false;
+    bench.run(1);
+    assert_eq!(
+        (
+            bench.get(51).value,
+            bench.get(52).value,
+            bench.get(56).value
+        ),
+        (8, 8, 1)
+    );
+    assert_eq!(bench.set(51, 1).value, 8, "active faults cannot be written");
+    assert_eq!(bench.set(52, 0).value, 8);
+    assert_eq!(bench.set(52, 1).value, 8, "the value before clearing");
+    assert_eq!(bench.get(52).value, 0);
+    assert_eq!(bench.get(56).value, 1, "the count stays");
+    assert_eq!((bench.set(56, 7).value, bench.get(56).value), (1, 0));
+    bench.run(6000);
+    assert_eq!(bench.get(51).value, 0);
+}
+
+#[test]
+fn losing_the_bus_switches_off_counts_a_fault_and_draws_a_new_session() {
+    let mut bench = Bench::connected();
+    bench.duty(8000);
+    bench.run(1);
+    let before = bench.session();
+    bench.node.on_bus_lost(bench.now);
+    bench.node.on_bus_lost(bench.now);
+    bench.run(1);
+    assert_eq!(bench.snapshot.duty().units(), 0, "off in the same tick");
+    assert_eq!(bench.node.session(), None);
+    bench.sent.clear();
+    bench.run(1000);
+    assert!(
+        bench.sent.is_empty(),
+        "nobody is told anything without a bus"
+    );
+    // A command of the old session brings the bus back and is dropped.
+    let old = VendorCommand {
+        session: before,
+        command: 0x61,
+        param1: 0,
+        param2: 0,
+    };
+    bench.receive(&old.emit(5));
+    assert!(bench.sent.is_empty());
+    assert_ne!(bench.session(), before);
+    assert_eq!(
+        (
+            bench.get(52).value,
+            bench.get(57).value,
+            bench.get(51).value
+        ),
+        (16, 1, 0)
+    );
+}
+
+#[test]
+fn restarts_keep_the_session_and_are_acknowledged_without_a_bus() {
+    for (command, image, code) in [
+        (0xF1, ImageType::Application, CommandCode::AcknowledgeReset),
+        (0xF0, ImageType::Bootloader, CommandCode::InBootloader),
+    ] {
+        let mut bench = Bench::connected();
+        bench.set(10, 77);
+        bench.run(1);
+        bench.set(10, 78);
+        bench.actions.clear();
+        assert_eq!(
+            bench.vendor(command, 0),
+            None,
+            "no answer before the restart"
+        );
+        let session = bench.session();
+        let handover = Handover {
+            session,
+            stay_in_bootloader: command == 0xF0,
+        };
+        assert_eq!(
+            bench.actions,
+            [Action::Save, Action::Reset(handover)],
+            "settings first"
+        );
+        let config = NodeConfig {
+            image,
+            handover: Some(handover),
+            ..NodeConfig::dmc60c(1)
+        };
+        let mut after = Bench::with(&config, Some(bench.node.stored()));
+        after.run(1);
+        let (_, frame) = after.sent[0];
+        assert_eq!(frame.extended_id(), Some(id::VENDOR_STATUS | 5));
+        assert_eq!(VendorStatus::parse(&frame).unwrap().code, code as u16);
+        assert_eq!(after.session(), session);
+    }
+}
+
+#[test]
+fn the_bootloader_tells_its_image_and_ignores_control_frames() {
+    let config = NodeConfig {
+        image: ImageType::Bootloader,
+        ..NodeConfig::dmc60c(1)
+    };
+    let mut bench = Bench::with(
+        &config,
+        Some(Stored {
+            number: 5,
+            ..Stored::default()
+        }),
+    );
+    bench.duty(8000);
+    assert_eq!(bench.node.command().setpoint, Setpoint::Off);
+    bench.run(1000);
+    assert!(
+        bench.sent.is_empty(),
+        "no status frames from the bootloader"
+    );
+    assert_eq!(bench.vendor(0x61, 0).unwrap().byte_count, 6);
+    assert_eq!(bench.sent[1].1.data(), [1, 0, 0x17, 0x01, 0x09, 0x01]);
+}
+
+#[test]
+fn a_destroyed_enumeration_answer_draws_a_new_session() {
+    let mut bench = Bench::connected();
+    let before = bench.session();
+    bench.node.on_frame(
+        bench.now,
+        &Frame::extended(id::ENUMERATE, []),
+        &bench.snapshot,
+    );
+    bench.now = bench.now + Duration::from_millis(10);
+    let answer = bench.node.poll_tx(bench.now, &bench.snapshot).unwrap();
+    assert_eq!(answer.attempts, Attempts::AtMost(1));
+    bench
+        .node
+        .on_transmitted(bench.now, answer.tag, TxOutcome::Failed);
+    assert_ne!(bench.session(), before);
+    assert_eq!(base(answer.frame.raw_id()), id::ENUMERATE_RESPONSE);
+}
+
+#[test]
+fn identify_lasts_5_s() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.vendor(0x50, 0).unwrap().code, 0);
+    let identifies = |bench: &Bench| {
+        matches!(
+            bench.node.indication(bench.now, &bench.snapshot),
+            Indication::Identify(_)
+        )
+    };
+    bench.run(9_999);
+    assert!(identifies(&bench));
+    bench.run(1);
+    assert!(!identifies(&bench));
+}
+
+#[test]
+fn pin_tests_are_refused_while_the_motor_is_driven() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.vendor(0xF3, 0), None);
+    assert_eq!(bench.actions, [Action::PinTest(PinTest::Short)]);
+    bench.node.pin_test_done(None);
+    bench.flush();
+    bench.duty(100);
+    bench.run(1);
+    assert_eq!(
+        bench.vendor(0xF4, 0).unwrap().code,
+        CommandCode::NotSupported as u16
+    );
+}
+
+#[test]
+fn the_button_toggles_the_stored_neutral_setting() {
+    let mut bench = Bench::connected();
+    assert_eq!(bench.get(129).value, 1);
+    bench.node.press_button(bench.now);
+    bench.run(1);
+    assert_eq!(bench.get(129).value, 0);
+    assert_eq!(
+        bench.snapshot.neutral,
+        crate::engine::command::Neutral::Coast
+    );
+}
+
+#[test]
+fn strings_are_stored_at_once() {
+    let mut bench = Bench::connected();
+    bench.vendor(0x02, 6);
+    let data = Frame::extended(id::VENDOR_DATA_OUT | 5, *b"winch\0");
+    bench.receive(&data);
+    assert_eq!(
+        bench.node.stored().descriptors.get(Descriptor::DeviceName),
+        b"winch"
+    );
+    assert_eq!(bench.actions, [Action::Save]);
+    assert_eq!(
+        bench.node.stored().sequence,
+        2,
+        "one write so far, the next one is the second"
+    );
+}
+
+#[test]
+fn the_flash_sequence_number_counts_writes() {
+    let mut bench = Bench::connected();
+    bench.vendor(0x01, 6);
+    bench.vendor(0x01, 5);
+    assert_eq!(bench.vendor(0x62, 0).unwrap().byte_count, 4);
+    assert_eq!(bench.sent[1].1.data(), [2, 0, 0, 0]);
+}
+
+#[test]
+fn i5_frames_for_another_device_change_nothing() {
+    let mut bench = Bench::connected();
+    let session = bench.session();
+    let (command, settings) = (*bench.node.command(), *bench.node.settings());
+    bench.sent.clear();
+    let control = Control0 {
+        mode: ModeSelect::Voltage,
+        target: 1,
+        ..Control0::default()
+    };
+    for number in (0..64).filter(|number| *number != 5) {
+        bench.receive(&control.emit(number));
+        bench.receive(
+            &ParameterSet {
+                session,
+                parameter: 10,
+                value: 1,
+            }
+            .emit(number),
+        );
+        bench.receive(
+            &VendorCommand {
+                session,
+                command: 1,
+                param1: 9,
+                param2: 0,
+            }
+            .emit(number),
+        );
+    }
+    bench.receive(&Frame::standard(5, [0; 8]));
+    assert_eq!(
+        (*bench.node.command(), *bench.node.settings()),
+        (command, settings)
+    );
+    assert!(bench.sent.is_empty() && bench.actions.is_empty());
+    assert_eq!(bench.node.number(), 5);
+    assert_eq!(
+        bench.node.counters().ignored,
+        63 * 3 + 2,
+        "all counted, with the one that connected"
+    );
+}
+
+proptest! {
+    /// I1 for the whole node: frames near its own identifiers in any order, with the engine running.
+    #[test]
+    fn i1_no_frame_panics_the_node(
+        steps in proptest::collection::vec((0..12_usize, any::<[u8; 8]>(), 0..=8_usize, 0..4_u32, any::<bool>()), 1..80)
+    ) {
+        let mut bench = Bench::connected();
+        for (kind, mut data, len, ticks, own_session) in steps {
+            if own_session {
+                let session = bench.node.session().unwrap_or(1);
+                data[..2].copy_from_slice(&session.to_le_bytes());
+            }
+            let base = [
+                id::ENUMERATE, id::VENDOR_COMMAND, id::VENDOR_DATA_OUT, id::PARAMETER_REQUEST,
+                id::PARAMETER_SET, 0x0206_0000, 0x0206_1400, 0x1000_0000,
+            ].get(kind).copied();
+            match base {
+                Some(base) => {
+                    let number = u32::from(bench.node.number());
+                    bench.receive(&Frame::extended(base | number, data).shortened(len));
+                }
+                None if kind == 8 => bench.node.on_bus_lost(bench.now),
+                None => bench.sample.pins.gate_driver_fault = own_session,
+            }
+            bench.run(ticks);
+            if let Some(Action::Reset(_)) = bench.actions.last() {
+                bench = Bench::connected();
+            }
+        }
+    }
+}

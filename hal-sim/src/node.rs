@@ -1,0 +1,366 @@
+//! One simulated controller: the real core on a virtual board.
+
+use windlass_core::engine::Engine;
+use windlass_core::engine::snapshot::{Actuation, Pins, Pulse, Sample, Snapshot};
+use windlass_core::frame::Frame;
+use windlass_core::management::wire::ImageType;
+use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
+use windlass_core::params::Stored;
+use windlass_core::params::table::ParameterId;
+use windlass_core::time::Instant;
+
+use crate::bus::Station;
+use crate::controller::{Controller, ErrorState};
+use crate::pins::Header;
+use crate::plant::{Plant, PlantConfig};
+use crate::random::Random;
+use crate::replay::{ActuationHash, TickRecord};
+use crate::spec::NodeSpec;
+
+mod observe;
+mod poke;
+
+/// Ticks from power-on or restart to the first tick of the image: 5 ms.
+const BOOT_TICKS: u32 = 10;
+/// Ticks between RC-PWM pulses: 20 ms, the frame of a servo signal.
+const PULSE_TICKS: u32 = 40;
+
+/// What the board is doing.
+#[derive(Debug)]
+enum Power {
+    Off,
+    Booting {
+        ticks: u32,
+        handover: Option<Handover>,
+    },
+    On(Box<Node>),
+}
+
+/// The part of the CAN controller's state that [`SimNode::truth`] shows.
+#[derive(Clone, Copy, Debug, Default)]
+struct ControllerView {
+    tec: u16,
+    rec: u16,
+    error_state: ErrorState,
+    bus_off_count: u32,
+}
+
+/// What the node wants of its CAN controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Wiring {
+    /// The controller is to be reset before anything else.
+    pub(crate) reset: bool,
+    /// Powered and initialised.
+    pub(crate) running: bool,
+    /// Wires plugged in.
+    pub(crate) connected: bool,
+}
+
+/// One controller of a [`World`](crate::World) with everything that is connected to it.
+#[derive(Debug)]
+pub struct SimNode {
+    spec: NodeSpec,
+    pub(crate) station: Station,
+    power: Power,
+    engine: Engine,
+    fresh: bool,
+    snapshot: Snapshot,
+    actuation: Actuation,
+    plant: Plant,
+    header: Header,
+    gate_driver_fault: bool,
+    pulse_width: Option<u16>,
+    pulse: Pulse,
+    pulse_ticks: u32,
+    image: ImageType,
+    stored: Stored,
+    flash_writes: u32,
+    random: Random,
+    /// Tag of the frame in the transmit mailbox.
+    in_mailbox: Option<Tag>,
+    wiring: Wiring,
+    wiring_changed: bool,
+    view: ControllerView,
+    now: Instant,
+    hash: ActuationHash,
+    records: Option<Vec<TickRecord>>,
+}
+
+impl SimNode {
+    /// A node that has been running for a while when the world first sees it.
+    pub(crate) fn new(
+        spec: NodeSpec,
+        plant: &PlantConfig,
+        station: Station,
+        (seed, index): (u64, usize),
+        now: Instant,
+    ) -> Self {
+        let stream = 0x1000 + 2 * index as u64;
+        let mut stored = Stored {
+            number: spec.number,
+            ..Stored::default()
+        };
+        // The default is the same dialect if the table should refuse the value.
+        let _ = stored.params.set(ParameterId::Dialect, spec.dialect.code());
+        let mut node = Self {
+            spec,
+            station,
+            power: Power::Off,
+            engine: Engine::new(),
+            fresh: true,
+            snapshot: Snapshot::default(),
+            actuation: Actuation::Off,
+            plant: Plant::new(plant, Random::new(seed, stream)),
+            header: Header::default(),
+            gate_driver_fault: false,
+            pulse_width: None,
+            pulse: Pulse::default(),
+            pulse_ticks: 0,
+            image: ImageType::Application,
+            stored,
+            flash_writes: 0,
+            random: Random::new(seed, stream + 1),
+            in_mailbox: None,
+            wiring: Wiring {
+                reset: false,
+                running: true,
+                connected: true,
+            },
+            wiring_changed: false,
+            view: ControllerView::default(),
+            now,
+            hash: ActuationHash::new(),
+            records: None,
+        };
+        node.boot(now, None);
+        node
+    }
+
+    /// Offset of the board's tick from that of the first board in µs: boards have clocks of their own.
+    pub(crate) fn draw_phase(&mut self) -> u64 {
+        1 + self.random.below(499)
+    }
+
+    fn boot(&mut self, now: Instant, handover: Option<Handover>) {
+        self.image = match handover {
+            Some(handover) if handover.stay_in_bootloader => ImageType::Bootloader,
+            _ => ImageType::Application,
+        };
+        let config = NodeConfig {
+            image: self.image,
+            handover,
+            ..NodeConfig::dmc60c(self.random.next() as u32)
+        };
+        self.engine = Engine::new();
+        self.fresh = true;
+        self.snapshot = Snapshot::default();
+        self.in_mailbox = None;
+        self.power = Power::On(Box::new(Node::new(now, &config, Some(&self.stored))));
+        self.rewire();
+    }
+
+    /// Stops the image; whatever was in the transmit mailbox is gone.
+    fn halt(&mut self, power: Power) {
+        self.power = power;
+        self.actuation = Actuation::Off;
+        self.snapshot = Snapshot::default();
+        self.in_mailbox = None;
+        self.wiring.reset = true;
+        self.rewire();
+    }
+
+    fn rewire(&mut self) {
+        self.wiring.running = matches!(self.power, Power::On(_));
+        self.wiring_changed = true;
+    }
+
+    /// What is to be changed at the CAN controller, once for each change.
+    pub(crate) fn take_wiring(&mut self) -> Option<Wiring> {
+        if !self.wiring_changed {
+            return None;
+        }
+        let wiring = self.wiring;
+        self.wiring.reset = false;
+        self.wiring_changed = false;
+        Some(wiring)
+    }
+
+    /// Takes over what [`SimNode::truth`] shows of the CAN controller.
+    pub(crate) fn look_at(&mut self, controller: &Controller) {
+        self.view = ControllerView {
+            tec: controller.tec,
+            rec: controller.rec,
+            error_state: controller.state,
+            bus_off_count: controller.bus_off_count,
+        };
+    }
+
+    /// One control tick: the plant moves on to `now` with the last actuation, then the board acts.
+    pub(crate) fn tick(&mut self, now: Instant) {
+        self.now = now;
+        self.plant.advance(self.actuation);
+        match &mut self.power {
+            Power::Off => {}
+            Power::Booting { ticks, handover } => {
+                *ticks -= 1;
+                if *ticks == 0 {
+                    let handover = *handover;
+                    self.boot(now, handover);
+                }
+            }
+            Power::On(_) => self.run(now),
+        }
+    }
+
+    fn run(&mut self, now: Instant) {
+        // The bootloader has no control loop: its bridge stays off.
+        let sample = (self.image == ImageType::Application).then(|| self.sample());
+        let Power::On(node) = &mut self.power else {
+            return;
+        };
+        if let Some(sample) = sample {
+            let (settings, command) = (node.settings(), node.command());
+            if let Some(records) = &mut self.records {
+                records.push(TickRecord {
+                    fresh: self.fresh,
+                    settings: *settings,
+                    sample,
+                    command: *command,
+                });
+            }
+            self.fresh = false;
+            (self.actuation, self.snapshot) = self.engine.tick(settings, &sample, command);
+            self.hash.update(self.actuation, &self.snapshot);
+        }
+        node.poll(now, &self.snapshot);
+        self.act();
+    }
+
+    /// Everything the board measures now.
+    fn sample(&mut self) -> Sample {
+        if let Some(width_us) = self.pulse_width {
+            self.pulse_ticks += 1;
+            if self.pulse_ticks >= PULSE_TICKS {
+                self.pulse_ticks = 0;
+                self.pulse.width_us = width_us;
+                self.pulse.count = self.pulse.count.wrapping_add(1);
+            }
+        }
+        let conversions = self.plant.convert();
+        let (encoder_a, encoder_b) = self.plant.encoder.channels();
+        let (index_rising, index_falling) = self.plant.index_captures();
+        Sample {
+            encoder: self.plant.encoder.counter(),
+            pins: Pins {
+                forward_limit: !self.header.forward_closed,
+                reverse_limit: !self.header.reverse_closed,
+                encoder_a,
+                encoder_b,
+                encoder_index: self.plant.encoder.index(),
+                gate_driver_fault: self.gate_driver_fault || self.plant.trips_gate_driver(),
+            },
+            index_rising,
+            index_falling,
+            current: conversions.current,
+            bus_voltage: conversions.bus_voltage,
+            temperature: conversions.temperature,
+            analog_in: conversions.analog_in,
+            pulse: self.pulse,
+        }
+    }
+
+    /// Does what the node asks of its board.
+    fn act(&mut self) {
+        while let Power::On(node) = &mut self.power
+            && let Some(action) = node.take_action()
+        {
+            self.perform(action);
+        }
+    }
+
+    /// One action. Apart from [`SimNode::act`] because it is rare and needs a large stack frame.
+    #[inline(never)]
+    fn perform(&mut self, action: Action) {
+        let Power::On(node) = &mut self.power else {
+            return;
+        };
+        match action {
+            Action::Save => {
+                self.stored = node.stored();
+                self.flash_writes += 1;
+                node.saved();
+            }
+            Action::PinTest(test) => node.pin_test_done(self.header.test(test)),
+            Action::Reset(handover) => self.halt(Power::Booting {
+                ticks: BOOT_TICKS,
+                handover: Some(handover),
+            }),
+        }
+    }
+
+    /// A frame was received. True if the node may have something to send or do because of it.
+    pub(crate) fn on_frame(&mut self, now: Instant, frame: &Frame) -> bool {
+        let Power::On(node) = &mut self.power else {
+            return false;
+        };
+        let ignored = node.counters().ignored;
+        node.on_frame(now, frame, &self.snapshot);
+        // What is due by time is sent at the next tick anyway, so a frame for somebody else costs no
+        // more than this: on a busy bus most frames are.
+        if node.counters().ignored != ignored {
+            return false;
+        }
+        self.act();
+        true
+    }
+
+    /// The frame in the mailbox was sent or given up.
+    pub(crate) fn on_transmitted(&mut self, now: Instant, sent: bool) {
+        if let (Power::On(node), Some(tag)) = (&mut self.power, self.in_mailbox.take()) {
+            let outcome = if sent {
+                TxOutcome::Sent
+            } else {
+                TxOutcome::Failed
+            };
+            node.on_transmitted(now, tag, outcome);
+            self.act();
+        }
+    }
+
+    /// The controller became error passive or bus-off.
+    pub(crate) fn on_bus_lost(&mut self, now: Instant) {
+        if let Power::On(node) = &mut self.power {
+            node.on_bus_lost(now);
+        }
+    }
+
+    /// The next frame for the mailbox, which must be empty.
+    pub(crate) fn poll_tx(&mut self, now: Instant) -> Option<Transmission> {
+        if self.in_mailbox.is_some() {
+            return None;
+        }
+        let Power::On(node) = &mut self.power else {
+            return None;
+        };
+        let transmission = node.poll_tx(now, &self.snapshot)?;
+        self.in_mailbox = Some(transmission.tag);
+        Some(transmission)
+    }
+
+    pub(crate) fn actuation_hash(&self) -> u64 {
+        self.hash.value()
+    }
+
+    /// Starts to keep what goes into every tick, see [`replay`](crate::replay).
+    pub fn record_ticks(&mut self) {
+        self.records.get_or_insert_with(Vec::new);
+    }
+
+    /// The ticks since recording began or since the last call; none if nothing is recorded.
+    pub fn take_ticks(&mut self) -> Vec<TickRecord> {
+        self.records
+            .as_mut()
+            .map(std::mem::take)
+            .unwrap_or_default()
+    }
+}

@@ -1,0 +1,101 @@
+//! What can be seen of a node from outside the bus.
+
+use windlass_core::dialect::DialectKind;
+use windlass_core::engine::command::Neutral;
+use windlass_core::engine::snapshot::{Actuation, Snapshot};
+use windlass_core::led::Leds;
+use windlass_core::node::{Counters, Node};
+use windlass_core::params::Stored;
+use windlass_core::params::table::ParameterId;
+
+use super::{Power, SimNode};
+use crate::spec::NodeSpec;
+use crate::truth::Truth;
+
+impl SimNode {
+    /// What the node was added as.
+    #[must_use]
+    pub fn spec(&self) -> NodeSpec {
+        self.spec
+    }
+
+    /// Driving dialect in force.
+    #[must_use]
+    pub fn dialect(&self) -> DialectKind {
+        match &self.power {
+            Power::On(node) => node.dialect(),
+            _ => DialectKind::from_code(self.stored.params.get(ParameterId::Dialect))
+                .unwrap_or(self.spec.dialect),
+        }
+    }
+
+    /// Device number in force; without power the stored one.
+    #[must_use]
+    pub fn number(&self) -> u8 {
+        match &self.power {
+            Power::On(node) => node.number(),
+            _ => self.stored.number,
+        }
+    }
+
+    /// Result of the latest tick; the default while nothing runs.
+    #[must_use]
+    pub fn snapshot(&self) -> &Snapshot {
+        &self.snapshot
+    }
+
+    /// The running node; none without power and while booting.
+    #[must_use]
+    pub fn node(&self) -> Option<&Node> {
+        match &self.power {
+            Power::On(node) => Some(node),
+            _ => None,
+        }
+    }
+
+    /// What is kept over a power cycle.
+    #[must_use]
+    pub fn stored(&self) -> &Stored {
+        &self.stored
+    }
+
+    /// What really happens at the node.
+    #[must_use]
+    pub fn truth(&self) -> Truth {
+        let node = self.node();
+        let neutral = match self.actuation {
+            Actuation::Off => Neutral::Coast,
+            Actuation::Brake => Neutral::Brake,
+            Actuation::Drive(_) => self.snapshot.neutral,
+        };
+        Truth {
+            dialect: self.dialect(),
+            number: self.number(),
+            position_counts: self.plant.position().floor() as i64,
+            velocity_counts_per_100ms: self.plant.velocity(),
+            current_a: self.plant.current(),
+            bus_v: self.plant.bus_voltage(),
+            temp_c: self.plant.temperature(),
+            analog_v: self.plant.analog_in(),
+            duty: self.actuation.duty().units(),
+            neutral,
+            fwd_limit_closed: self.header.forward_closed,
+            rev_limit_closed: self.header.reverse_closed,
+            index_pin: self.plant.encoder.index(),
+            leds: node.map_or_else(Leds::default, |node| node.leds(self.now, &self.snapshot)),
+            mode: self.image,
+            powered: !matches!(self.power, Power::Off),
+            bus_connected: self.wiring.connected,
+            drive_state: self.snapshot.state,
+            faults: self.snapshot.faults.bits(),
+            flash_writes: self.flash_writes,
+            flash_erases: self.flash_writes,
+            session: node.and_then(Node::session),
+            tec: self.view.tec,
+            rec: self.view.rec,
+            error_state: self.view.error_state,
+            bus_off_count: self.view.bus_off_count,
+            counters: node.map_or_else(Counters::default, |node| *node.counters()),
+        }
+    }
+}

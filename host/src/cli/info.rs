@@ -1,0 +1,99 @@
+//! `windlass info`: everything a device tells about itself.
+
+use serde_json::{Value, json};
+use windlass_core::management::vendor::Descriptor;
+
+use super::connect::{Connection, devices};
+use super::output::{self, say};
+use super::{Failure, Global, Outcome, scan};
+use crate::client::{Descriptors, Device, Selector, Version, product_name};
+
+/// Arguments of `windlass info`.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    device: Option<Selector>,
+}
+
+/// The strings with their labels and JSON names.
+const STRINGS: [(Descriptor, &str, &str); 6] = [
+    (Descriptor::DeviceName, "name", "device_name"),
+    (
+        Descriptor::ManufacturerName,
+        "manufacturer",
+        "manufacturer_name",
+    ),
+    (Descriptor::ProductName, "product", "product_name"),
+    (Descriptor::ManufactureDate, "made on", "manufacture_date"),
+    (Descriptor::HardwareVersion, "hardware", "hardware_version"),
+    (Descriptor::SerialNumber, "serial number", "serial_number"),
+];
+
+/// What `info` reads.
+struct Information {
+    device: Device,
+    strings: Descriptors,
+    application: Version,
+    bootloader: Version,
+    flash_writes: u32,
+}
+
+/// Prints strings, versions and flash wear of the devices.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
+    let mut client = global.connect()?;
+    let mut all = Vec::new();
+    for device in devices(&mut client, arguments.device.as_ref())? {
+        all.push(read(&mut client, device)?);
+    }
+    if global.json {
+        let list: Vec<Value> = all.iter().map(describe).collect();
+        output::json(&json!({"devices": list}))?;
+        return Ok(Outcome::Done);
+    }
+    for information in &all {
+        print(information)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn read(client: &mut Connection, device: Device) -> Result<Information, Failure> {
+    let strings = client.descriptors(device.address)?;
+    let versions = client.firmware_versions(device.address)?;
+    let flash_writes = client.flash_sequence(device.address)?;
+    Ok(Information {
+        device: Device {
+            versions: Some(versions),
+            ..device
+        },
+        strings,
+        application: Version(versions.application),
+        bootloader: Version(versions.bootloader),
+        flash_writes,
+    })
+}
+
+fn describe(information: &Information) -> Value {
+    let mut document = scan::describe(&information.device);
+    for (descriptor, _, key) in STRINGS {
+        document[key] = json!(information.strings.text(descriptor));
+    }
+    document["flash_sequence"] = json!(information.flash_writes);
+    document
+}
+
+fn print(information: &Information) -> Result<(), Failure> {
+    say!("device {}", information.device.address)?;
+    for (descriptor, label, _) in STRINGS {
+        say!("  {label:<15} {}", information.strings.text(descriptor))?;
+    }
+    say!(
+        "  {:<15} {}",
+        "running image",
+        information.device.image_name()
+    )?;
+    say!("  {:<15} {}", "application", information.application)?;
+    say!("  {:<15} {}", "bootloader", information.bootloader)?;
+    let product_id = product_name(information.device.product_id);
+    say!("  {:<15} {product_id}", "product id")?;
+    say!("  {:<15} {}", "flash writes", information.flash_writes)
+}

@@ -1,0 +1,144 @@
+//! `windlass monitor`: live status of devices, and the load of the bus.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::connect::{Connection, Seconds, devices};
+use super::output::{self, LiveLine};
+use super::sample::Sample;
+use super::{Failure, Global, Outcome, interrupted};
+use crate::client::{Selector, Traffic};
+use crate::transport::Transport;
+
+/// Arguments of `windlass monitor`.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    device: Option<Selector>,
+    /// Show the load of the bus too, from counted bit times with stuff bits.
+    #[arg(long)]
+    load: bool,
+    /// Watch this long [default: until Ctrl-C; 5 seconds on the sim transport].
+    #[arg(long, value_name = "SECONDS")]
+    seconds: Option<Seconds>,
+    /// Milliseconds between two samples.
+    #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(10..=60_000))]
+    every: u64,
+}
+
+/// Prints samples until the time is over or Ctrl-C.
+pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
+    let run_time = global.run_time(arguments.seconds)?;
+    let bit_rate = global.transport()?.bit_rate();
+    let mut client = global.connect()?;
+    let found = devices(&mut client, arguments.device.as_ref())?;
+    let mut monitor = Monitor {
+        only: arguments
+            .device
+            .and(found.first())
+            .map(|device| device.address.number),
+        load: arguments.load.then_some(bit_rate),
+        json: global.json,
+        live: LiveLine::new(),
+        traffic: client.traffic(),
+        at: client.now(),
+    };
+    let every = Duration::from_millis(arguments.every);
+    let end = run_time.map(|run_time| client.now() + run_time);
+    let outcome = loop {
+        client.listen(every)?;
+        monitor.show(&client)?;
+        if interrupted() {
+            break Outcome::Interrupted;
+        }
+        if end.is_some_and(|end| client.now() >= end) {
+            break Outcome::Done;
+        }
+    };
+    monitor.live.finish()?;
+    Ok(outcome)
+}
+
+struct Monitor {
+    /// The one device to show, else all.
+    only: Option<u8>,
+    /// The bit rate, if the load is wanted.
+    load: Option<u32>,
+    json: bool,
+    live: LiveLine,
+    /// Traffic and time at the last sample.
+    traffic: Traffic,
+    at: Duration,
+}
+
+impl Monitor {
+    fn show(&mut self, client: &Connection) -> Result<(), Failure> {
+        let samples: Vec<Sample<'_>> = client
+            .statuses()
+            .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
+            .map(|(number, status)| Sample {
+                number,
+                status,
+                now: client.now(),
+            })
+            .collect();
+        let load = self.load.map(|bit_rate| self.measure(client, bit_rate));
+        if self.json {
+            for sample in samples {
+                output::json(&sample.document())?;
+            }
+            if let Some((percent, frames_per_second)) = load {
+                output::json(&json!({
+                    "t_s": client.now().as_secs_f64(),
+                    "bus_load_percent": percent,
+                    "frames_per_second": frames_per_second,
+                }))?;
+            }
+            return Ok(());
+        }
+        let mut lines: Vec<String> = samples.iter().map(Sample::line).collect();
+        if let Some((percent, frames_per_second)) = load {
+            let now = client.now().as_secs_f64();
+            lines.push(format!(
+                "{now:8.2} s  bus load {percent:5.1} %  {frames_per_second:.0} frames/s"
+            ));
+        }
+        self.print(&lines)
+    }
+
+    /// One line is rewritten in place on a terminal, several are printed one after the other.
+    fn print(&mut self, lines: &[String]) -> Result<(), Failure> {
+        if let [line] = lines {
+            self.live.show(line)?;
+            return Ok(());
+        }
+        self.live.finish()?;
+        for line in lines {
+            output::line(format_args!("{line}"))?;
+        }
+        Ok(())
+    }
+
+    /// Bus load in percent and frames per second since the last sample.
+    fn measure(&mut self, client: &Connection, bit_rate: u32) -> (f64, f64) {
+        let (traffic, now) = (client.traffic(), client.now());
+        let span = now.saturating_sub(self.at).as_secs_f64().max(1e-6);
+        let bits = (traffic.bits - self.traffic.bits) as f64;
+        let frames = (traffic.frames - self.traffic.frames) as f64;
+        self.traffic = traffic;
+        self.at = now;
+        let percent = bits / (span * f64::from(bit_rate)) * 100.0;
+        (percent, frames / span)
+    }
+}
+
+impl Transport {
+    /// Bit rate of the bus: what an SLCAN adapter was told, else the DMC60C's 1 Mbit/s.
+    const fn bit_rate(&self) -> u32 {
+        match self {
+            Self::Slcan { bit_rate, .. } => *bit_rate,
+            Self::Sim(_) | Self::Tcp { .. } | Self::SocketCan(_) => 1_000_000,
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! One look at a device while it runs, as a line and as JSON.
+
+use std::time::Duration;
+
+use serde_json::{Value as Json, json};
+use windlass_core::dialect::dmc60c::wire::StatusGeneral;
+use windlass_core::engine::snapshot::Fault;
+
+use crate::client::{ClosedLoopError, Status, fault_name, mode_name};
+
+/// The latest status of one device at a moment.
+pub(super) struct Sample<'a> {
+    pub(super) number: u8,
+    pub(super) status: &'a Status,
+    pub(super) now: Duration,
+}
+
+impl Sample<'_> {
+    /// The sample as one line; values that never came are left out.
+    pub(super) fn line(&self) -> String {
+        let mut parts = vec![format!("{:8.2} s", self.now.as_secs_f64())];
+        parts.push(format!("device {}", self.number));
+        if let Some(general) = self.status.general {
+            let mode = mode_name(general.value.mode);
+            let duty = self.status.duty_percent().unwrap_or_default();
+            parts.push(format!("{mode} duty {duty:+6.1} %"));
+        }
+        if let (Some(position), Some(velocity)) = (self.status.position(), self.status.velocity()) {
+            parts.push(format!("velocity {velocity:6} position {position:8}"));
+        }
+        if let Some(general) = self.status.general {
+            parts.extend(error_text(ClosedLoopError::of(&general.value)));
+        }
+        if let (Some(current), Some(voltage)) = (self.status.current(), self.status.bus_voltage()) {
+            let temperature = self.status.temperature().unwrap_or_default();
+            parts.push(format!(
+                "{current:+6.2} A {voltage:5.2} V {temperature:4.1} C"
+            ));
+        }
+        parts.extend(self.remarks());
+        parts.join("  ")
+    }
+
+    /// The sample as a JSON document; values that never came are null.
+    pub(super) fn document(&self) -> Json {
+        let general = self.status.general.map(|live| live.value);
+        let error = general.map(|general| ClosedLoopError::of(&general).number());
+        json!({
+            "t_s": self.now.as_secs_f64(),
+            "number": self.number,
+            "mode": general.map(|general| mode_name(general.mode)),
+            "duty_percent": self.status.duty_percent(),
+            "error": error,
+            "position_counts": self.status.position(),
+            "velocity_counts_per_100ms": self.status.velocity(),
+            "current_a": self.status.current(),
+            "bus_v": self.status.bus_voltage(),
+            "temp_c": self.status.temperature(),
+            "analog_v": self.status.analog_in(),
+            "current_limited": general.map(|general| general.current_limited),
+            "forward_limit": general.map(|general| general.forward.hit),
+            "reverse_limit": general.map(|general| general.reverse.hit),
+            "faults": general.map(|general| active_faults(&general)),
+            "stale": self.status.is_stale(self.now),
+        })
+    }
+
+    /// What is unusual.
+    fn remarks(&self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        if let Some(general) = self.status.general.map(|live| live.value) {
+            let limits = [
+                (general.forward.hit, "forward limit"),
+                (general.reverse.hit, "reverse limit"),
+                (general.soft_forward_hit, "soft forward limit"),
+                (general.soft_reverse_hit, "soft reverse limit"),
+                (general.current_limited, "current limited"),
+            ];
+            let named = limits.into_iter().filter(|(hit, _)| *hit);
+            remarks.extend(named.map(|(_, name)| name.to_owned()));
+            remarks.extend(active_faults(&general).into_iter().map(str::to_owned));
+        }
+        if self.status.is_stale(self.now) {
+            remarks.push("stale".to_owned());
+        }
+        remarks
+    }
+}
+
+/// The active faults that the general status frame carries, by their names in the guide.
+fn active_faults(general: &StatusGeneral) -> Vec<&'static str> {
+    let faults = [
+        (general.over_temperature, Fault::OverTemperature),
+        (general.under_voltage, Fault::UnderVoltage),
+        (general.gate_driver, Fault::GateDriver),
+    ];
+    let active = faults.into_iter().filter(|(active, _)| *active);
+    active.map(|(_, fault)| fault_name(fault)).collect()
+}
+
+fn error_text(error: ClosedLoopError) -> Option<String> {
+    match error {
+        ClosedLoopError::Counts(counts) => Some(format!("error {counts}")),
+        ClosedLoopError::Amps(value) => Some(format!("error {value:+.2} A")),
+        ClosedLoopError::Volts(value) => Some(format!("error {value:+.2} V")),
+        // Zero but for the tick after a new target: the duty cycle itself is shown.
+        ClosedLoopError::Throttle(_) | ClosedLoopError::None => None,
+    }
+}

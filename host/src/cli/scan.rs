@@ -1,0 +1,79 @@
+//! `windlass scan`: who is on the bus.
+
+use serde_json::{Value, json};
+
+use super::connect::devices;
+use super::output::{self, say};
+use super::{Failure, Global, Outcome};
+use crate::client::{Device, Version, product_name};
+
+/// Arguments of `windlass scan`.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Arguments {}
+
+/// Lists every device on the bus.
+pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
+    let devices = devices(&mut global.connect()?, None)?;
+    let duplicates = duplicates(&devices);
+    if global.json {
+        let list: Vec<Value> = devices.iter().map(describe).collect();
+        output::json(&json!({"devices": list, "duplicate_numbers": duplicates}))?;
+        return Ok(Outcome::Done);
+    }
+    say!("device      image         app    boot   product")?;
+    for device in &devices {
+        let address = device.address.to_string();
+        let image = device.image_name();
+        let (application, bootloader) = versions(device);
+        let product = product_name(device.product_id);
+        say!("{address:<11} {image:<13} {application:<6} {bootloader:<6} {product}")?;
+    }
+    for number in duplicates {
+        say!(
+            "note: number {number} is used more than once; name these devices by session (N@0x…) and \
+             give each a number with `windlass id set`"
+        )?;
+    }
+    if devices.iter().any(|device| device.address.number == 0) {
+        say!("note: a device has no number yet; give it one with `windlass id set 0 NUMBER`")?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// A device as JSON, the same in every verb.
+pub(super) fn describe(device: &Device) -> Value {
+    let (application, bootloader) = versions(device);
+    json!({
+        "device": device.address.to_string(),
+        "number": device.address.number,
+        "session": device.address.session,
+        "image": device.image_name(),
+        "application_version": application,
+        "bootloader_version": bootloader,
+        "product_id": device.product_id,
+    })
+}
+
+fn versions(device: &Device) -> (String, String) {
+    match device.versions {
+        Some(versions) => (
+            Version(versions.application).to_string(),
+            Version(versions.bootloader).to_string(),
+        ),
+        None => ("?".to_owned(), "?".to_owned()),
+    }
+}
+
+/// Numbers that more than one device has, apart from 0, which stands for "none".
+fn duplicates(devices: &[Device]) -> Vec<u8> {
+    let numbers: Vec<u8> = devices.iter().map(|device| device.address.number).collect();
+    let mut twice: Vec<u8> = numbers
+        .windows(2)
+        .filter_map(|pair| match pair {
+            [a, b] if a == b && *a != 0 => Some(*a),
+            _ => None,
+        })
+        .collect();
+    twice.dedup();
+    twice
+}

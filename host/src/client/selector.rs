@@ -1,0 +1,165 @@
+//! How the user names a device.
+
+use std::fmt;
+use std::str::FromStr;
+
+use windlass_core::dialect::DialectKind;
+use windlass_core::management::wire::MAX_DEVICE_NUMBER;
+
+use super::Address;
+
+/// A device by number, session or both: `5`, `dmc60c:5`, `@0x1234`, `dmc60c:0@0x1234`.
+///
+/// The session tells devices with the same number apart. It is written as hexadecimal with `0x` or as
+/// decimal; 0 never names a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Selector {
+    /// Device number, if given.
+    pub number: Option<u8>,
+    /// Session, if given.
+    pub session: Option<u16>,
+}
+
+/// Why a selector makes no sense.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}; write a device as 5, dmc60c:5, @0x1234 or 5@0x1234")]
+pub struct SelectorError(String);
+
+impl Selector {
+    /// True if the selector names this address.
+    #[must_use]
+    pub fn matches(&self, address: Address) -> bool {
+        self.number.is_none_or(|number| number == address.number)
+            && self
+                .session
+                .is_none_or(|session| session == address.session)
+    }
+}
+
+impl From<Address> for Selector {
+    fn from(address: Address) -> Self {
+        Self {
+            number: Some(address.number),
+            session: Some(address.session),
+        }
+    }
+}
+
+impl FromStr for Selector {
+    type Err = SelectorError;
+
+    fn from_str(text: &str) -> Result<Self, SelectorError> {
+        let (node, session) = match text.split_once('@') {
+            Some((node, session)) => (node, Some(parse_session(session)?)),
+            None => (text, None),
+        };
+        let number = match (node.is_empty(), session) {
+            (true, None) => return Err(SelectorError("the device is missing".to_owned())),
+            (true, Some(_)) => None,
+            (false, _) => Some(parse_number(node)?),
+        };
+        Ok(Self { number, session })
+    }
+}
+
+impl fmt::Display for Selector {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(number) = self.number {
+            write!(out, "{number}")?;
+        }
+        if let Some(session) = self.session {
+            write!(out, "@{session:#06x}")?;
+        }
+        Ok(())
+    }
+}
+
+/// The number, after a dialect's name if there is one. Every device answers the management channel the
+/// same way, so the dialect only has to exist.
+fn parse_number(node: &str) -> Result<u8, SelectorError> {
+    let digits = match node.split_once(':') {
+        Some((dialect, digits)) => {
+            if DialectKind::from_name(dialect).is_none() {
+                return Err(SelectorError(format!("there is no dialect \"{dialect}\"")));
+            }
+            digits
+        }
+        None => node,
+    };
+    let number = digits
+        .parse()
+        .ok()
+        .filter(|number| *number <= MAX_DEVICE_NUMBER);
+    number.ok_or_else(|| {
+        SelectorError(format!(
+            "\"{digits}\" is no device number (0 to {MAX_DEVICE_NUMBER})"
+        ))
+    })
+}
+
+fn parse_session(text: &str) -> Result<u16, SelectorError> {
+    let parsed = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u16::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    let session = parsed.ok().filter(|session| *session != 0);
+    session.ok_or_else(|| SelectorError(format!("\"{text}\" is no session (0x0001 to 0xffff)")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_form_is_understood() {
+        for (text, number, session) in [
+            ("5", Some(5), None),
+            ("0", Some(0), None),
+            ("dmc60c:63", Some(63), None),
+            ("@0x1234", None, Some(0x1234)),
+            ("@4660", None, Some(0x1234)),
+            ("dmc60c:0@0xffff", Some(0), Some(0xFFFF)),
+            ("7@0XABCD", Some(7), Some(0xABCD)),
+        ] {
+            let selector: Selector = text.parse().unwrap();
+            assert_eq!(selector, Selector { number, session }, "{text}");
+            assert_eq!(selector.to_string().parse::<Selector>().unwrap(), selector);
+        }
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_the_reason() {
+        for (text, reason) in [
+            ("", "missing"),
+            ("64", "no device number"),
+            ("-1", "no device number"),
+            ("x", "no device number"),
+            ("dmc60c:", "no device number"),
+            ("pump:5", "no dialect"),
+            ("5@", "no session"),
+            ("5@0", "no session"),
+            ("@0x10000", "no session"),
+            ("@abcd", "no session"),
+        ] {
+            let error = text.parse::<Selector>().unwrap_err();
+            assert!(error.to_string().contains(reason), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_selector_matches_what_it_names() {
+        let address = Address {
+            number: 5,
+            session: 0x1234,
+        };
+        for (text, matches) in [
+            ("5", true),
+            ("4", false),
+            ("@0x1234", true),
+            ("@0x1235", false),
+            ("4@0x1234", false),
+        ] {
+            assert_eq!(text.parse::<Selector>().unwrap().matches(address), matches);
+        }
+    }
+}

@@ -1,0 +1,403 @@
+//! Vendor commands: strings, device number, versions, resets and tests.
+
+use std::time::Duration;
+
+use windlass_core::frame::Frame;
+use windlass_core::frc_id::{self, with_number};
+use windlass_core::management::vendor::{Command, CommandCode, Descriptor, PinTest, TestPin};
+use windlass_core::management::wire::{
+    FirmwareVersions, MAX_DEVICE_NUMBER, VendorCommand, VendorStatus, id,
+};
+
+use super::{ATTEMPTS, Address, Client, Descriptors, Error, Selector, ValueError};
+use crate::transport::{Bus, BusError};
+
+/// Time for a command that writes to flash, which stops the device's processor.
+const WRITE_TIME: Duration = Duration::from_millis(500);
+/// Time for a restart, after which the device answers by itself.
+const RESTART_TIME: Duration = Duration::from_secs(3);
+/// Time for a test of the expansion header.
+const TEST_TIME: Duration = Duration::from_secs(2);
+
+/// One vendor command with everything that belongs to it.
+struct Exchange<'a> {
+    command: Command,
+    param1: u16,
+    /// Bytes to the device.
+    payload: &'a [u8],
+    /// Number under which the device answers.
+    answers_as: u8,
+    /// Shortest time to wait for the status.
+    patience: Duration,
+    attempts: u32,
+}
+
+impl Exchange<'static> {
+    /// A command without parameters that may be repeated.
+    const fn plain(command: Command, number: u8) -> Self {
+        Self {
+            command,
+            param1: 0,
+            payload: &[],
+            answers_as: number,
+            patience: Duration::ZERO,
+            attempts: ATTEMPTS,
+        }
+    }
+}
+
+/// The device's answer.
+struct Reply {
+    code: u16,
+    data: Vec<u8>,
+}
+
+impl<B: Bus> Client<B> {
+    /// Gives the device another number, 1 to 63, and returns its new address.
+    ///
+    /// # Errors
+    /// Number out of range, no answer, or the device refused.
+    pub fn set_device_number(&mut self, address: Address, number: u8) -> Result<Address, Error> {
+        check_number(number)?;
+        let session = address.session;
+        let renumbered = Address { number, session };
+        let exchange = Exchange {
+            param1: u16::from(number),
+            answers_as: number,
+            patience: WRITE_TIME,
+            attempts: 1,
+            ..Exchange::plain(Command::SetDeviceNumber, address.number)
+        };
+        match self.transact(address, &exchange) {
+            Ok(reply) => expect(
+                address,
+                Command::SetDeviceNumber,
+                &reply,
+                CommandCode::NoError,
+            )?,
+            // The answer may have been lost although the number has changed, so ask around.
+            Err(Error::NoAnswer { .. }) => {
+                self.find(&Selector::from(renumbered))?;
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(renumbered)
+    }
+
+    /// Stores one of the device's strings.
+    ///
+    /// # Errors
+    /// Text too long or with control characters, no answer, or the device refused.
+    pub fn set_descriptor(
+        &mut self,
+        address: Address,
+        descriptor: Descriptor,
+        text: &str,
+    ) -> Result<(), Error> {
+        check_text(descriptor, text)?;
+        let mut payload = text.as_bytes().to_vec();
+        payload.push(0);
+        let command = Command::SetDescriptor(descriptor);
+        let exchange = Exchange {
+            param1: payload.len() as u16,
+            payload: &payload,
+            patience: WRITE_TIME,
+            ..Exchange::plain(command, address.number)
+        };
+        let reply = self.transact(address, &exchange)?;
+        expect(address, command, &reply, CommandCode::NoError)
+    }
+
+    /// Lets the device show a rainbow on its LEDs for five seconds.
+    ///
+    /// # Errors
+    /// No answer, or the device refused.
+    pub fn flash_leds(&mut self, address: Address) -> Result<(), Error> {
+        self.fetch(address, Command::FlashLeds).map(drop)
+    }
+
+    /// Reads the device's strings.
+    ///
+    /// # Errors
+    /// No answer, or an answer that makes no sense.
+    pub fn descriptors(&mut self, address: Address) -> Result<Descriptors, Error> {
+        let data = self.fetch(address, Command::GetDescriptors)?;
+        Descriptors::parse(&data)
+            .ok_or_else(|| bad_answer(address, Command::GetDescriptors, "a string is cut short"))
+    }
+
+    /// Reads the running image and the versions.
+    ///
+    /// # Errors
+    /// No answer, or an answer that makes no sense.
+    pub fn firmware_versions(&mut self, address: Address) -> Result<FirmwareVersions, Error> {
+        let bytes = self.fetch_exactly(address, Command::GetFirmwareVersion)?;
+        Ok(FirmwareVersions::from_bytes(bytes))
+    }
+
+    /// Reads how often the device has written its settings to flash.
+    ///
+    /// # Errors
+    /// No answer, or an answer that makes no sense.
+    pub fn flash_sequence(&mut self, address: Address) -> Result<u32, Error> {
+        let bytes = self.fetch_exactly(address, Command::GetFlashSequence)?;
+        Ok(u32::from_le_bytes(bytes))
+    }
+
+    /// Restarts the device into its bootloader and waits until that answers. The session stays.
+    ///
+    /// # Errors
+    /// No answer within three seconds, or the device refused.
+    pub fn enter_bootloader(&mut self, address: Address) -> Result<(), Error> {
+        self.restart(address, Command::EnterBootloader, CommandCode::InBootloader)
+    }
+
+    /// Restarts the device and waits until its application answers. The session stays. Without an
+    /// application the device gives no answer.
+    ///
+    /// # Errors
+    /// No answer within three seconds, or the device refused.
+    pub fn soft_reset(&mut self, address: Address) -> Result<(), Error> {
+        self.restart(address, Command::SoftReset, CommandCode::AcknowledgeReset)
+    }
+
+    /// Tests the pins of the expansion header.
+    ///
+    /// # Errors
+    /// No answer, or the device refused.
+    pub fn pin_test(&mut self, address: Address, test: PinTest) -> Result<PinTestResult, Error> {
+        let command = Command::PinTest(test);
+        let exchange = Exchange {
+            patience: TEST_TIME,
+            attempts: 1,
+            ..Exchange::plain(command, address.number)
+        };
+        let reply = self.transact(address, &exchange)?;
+        match CommandCode::from_code(reply.code) {
+            Some(CommandCode::TestPassed) => Ok(PinTestResult::Passed),
+            Some(CommandCode::TestFailed) => {
+                let [_, pin] = reply.code.to_le_bytes();
+                Ok(PinTestResult::Failed(TestPin::from_code(pin)))
+            }
+            _ => Err(refused(address, command, reply.code)),
+        }
+    }
+
+    fn restart(
+        &mut self,
+        address: Address,
+        command: Command,
+        expected: CommandCode,
+    ) -> Result<(), Error> {
+        let exchange = Exchange {
+            patience: RESTART_TIME,
+            attempts: 1,
+            ..Exchange::plain(command, address.number)
+        };
+        let reply = self.transact(address, &exchange)?;
+        expect(address, command, &reply, expected)
+    }
+
+    /// Runs a command without parameters that returns `N` bytes.
+    fn fetch_exactly<const N: usize>(
+        &mut self,
+        address: Address,
+        command: Command,
+    ) -> Result<[u8; N], Error> {
+        let data = self.fetch(address, command)?;
+        data.try_into()
+            .map_err(|_| bad_answer(address, command, &format!("not {N} bytes")))
+    }
+
+    /// Runs a command without parameters and gives the data it returns.
+    fn fetch(&mut self, address: Address, command: Command) -> Result<Vec<u8>, Error> {
+        let reply = self.transact(address, &Exchange::plain(command, address.number))?;
+        expect(address, command, &reply, CommandCode::NoError)?;
+        Ok(reply.data)
+    }
+
+    /// What runs on the device with this address; `None` if there is no such device. Every image knows
+    /// the command that is asked.
+    pub(super) fn probe(&mut self, address: Address) -> Result<Option<FirmwareVersions>, BusError> {
+        let question = Exchange::plain(Command::GetFirmwareVersion, address.number);
+        for _ in 0..question.attempts {
+            let reply = self.attempt(address, &question)?;
+            let bytes = reply.and_then(|reply| reply.data.try_into().ok());
+            if let Some(bytes) = bytes {
+                return Ok(Some(FirmwareVersions::from_bytes(bytes)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The number of the device with this session, asked of all numbers at once: only the device whose
+    /// session it is answers.
+    pub(super) fn number_of(&mut self, session: u16) -> Result<Option<u8>, BusError> {
+        let question = VendorCommand {
+            session,
+            command: Command::GetFirmwareVersion.code(),
+            param1: 0,
+            param2: 0,
+        };
+        for number in 0..=MAX_DEVICE_NUMBER {
+            self.send(&question.emit(number))?;
+        }
+        self.wait_for(self.answer_timeout, |frame| {
+            let number = frc_id::number(frame.extended_id()?);
+            status_of(frame, number).map(|_| number)
+        })
+    }
+
+    fn transact(&mut self, address: Address, exchange: &Exchange<'_>) -> Result<Reply, Error> {
+        for _ in 0..exchange.attempts {
+            if let Some(reply) = self.attempt(address, exchange)? {
+                return Ok(reply);
+            }
+        }
+        Err(self.silence(address, name(exchange.command)))
+    }
+
+    fn attempt(
+        &mut self,
+        address: Address,
+        exchange: &Exchange<'_>,
+    ) -> Result<Option<Reply>, BusError> {
+        let command = VendorCommand {
+            session: address.session,
+            command: exchange.command.code(),
+            param1: exchange.param1,
+            param2: 0,
+        };
+        self.send(&command.emit(address.number))?;
+        for chunk in exchange.payload.chunks(8) {
+            if let Some(frame) = data_out(address.number, chunk) {
+                self.send(&frame)?;
+            }
+        }
+        let wait = self.answer_timeout.max(exchange.patience);
+        let numbers = [exchange.answers_as, address.number];
+        let status = self.wait_for(wait, |frame| {
+            numbers
+                .into_iter()
+                .find_map(|number| status_of(frame, number))
+        })?;
+        match status {
+            Some(status) => self.collect(exchange.answers_as, status),
+            None => Ok(None),
+        }
+    }
+
+    /// Receives the data that a status announces. A second status means that the device has started
+    /// the answer again (an earlier request was answered late); `None` if data is missing.
+    fn collect(&mut self, number: u8, mut status: VendorStatus) -> Result<Option<Reply>, BusError> {
+        let mut data = Vec::new();
+        while data.len() < usize::from(status.byte_count) {
+            let part = self.wait_for(self.answer_timeout, |frame| {
+                if let Some(status) = status_of(frame, number) {
+                    return Some(Part::Again(status));
+                }
+                let data_in = with_number(id::VENDOR_DATA_IN, number);
+                (frame.extended_id() == Some(data_in)).then(|| Part::Data(frame.data().to_vec()))
+            })?;
+            match part {
+                Some(Part::Data(bytes)) => data.extend(bytes),
+                Some(Part::Again(newer)) => {
+                    status = newer;
+                    data.clear();
+                }
+                None => return Ok(None),
+            }
+        }
+        let code = status.code;
+        Ok(Some(Reply { code, data }))
+    }
+}
+
+/// Result of [`Client::pin_test`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PinTestResult {
+    /// No pin failed.
+    Passed,
+    /// A pin failed: the last one, if the device names it.
+    Failed(Option<TestPin>),
+}
+
+enum Part {
+    Data(Vec<u8>),
+    Again(VendorStatus),
+}
+
+fn status_of(frame: &Frame, number: u8) -> Option<VendorStatus> {
+    let identifier = frame.extended_id()?;
+    if frc_id::base(identifier) != id::VENDOR_STATUS || frc_id::number(identifier) != number {
+        return None;
+    }
+    VendorStatus::parse(frame)
+}
+
+fn data_out(number: u8, chunk: &[u8]) -> Option<Frame> {
+    let identifier = with_number(id::VENDOR_DATA_OUT, number);
+    Frame::new(embedded_can::ExtendedId::new(identifier)?, chunk)
+}
+
+/// Whether a device may be given this number.
+pub(crate) fn check_number(number: u8) -> Result<(), ValueError> {
+    if (1..=MAX_DEVICE_NUMBER).contains(&number) {
+        return Ok(());
+    }
+    Err(ValueError::new(format!(
+        "device number {number} is out of range (1 to {MAX_DEVICE_NUMBER})"
+    )))
+}
+
+/// Whether a device can store this text.
+pub(crate) fn check_text(descriptor: Descriptor, text: &str) -> Result<(), ValueError> {
+    let capacity = descriptor.capacity();
+    if text.len() > capacity {
+        return Err(ValueError::new(format!(
+            "the text has {} bytes, the device stores {capacity} at most",
+            text.len()
+        )));
+    }
+    if text.chars().any(char::is_control) {
+        return Err(ValueError::new("the text contains control characters"));
+    }
+    Ok(())
+}
+
+fn name(command: Command) -> &'static str {
+    let row = Command::TABLE.iter().find(|row| row.2 == command);
+    row.map_or("a vendor command", |row| row.1)
+}
+
+fn expect(
+    address: Address,
+    command: Command,
+    reply: &Reply,
+    expected: CommandCode,
+) -> Result<(), Error> {
+    if CommandCode::from_code(reply.code) == Some(expected) {
+        Ok(())
+    } else {
+        Err(refused(address, command, reply.code))
+    }
+}
+
+fn refused(address: Address, command: Command, code: u16) -> Error {
+    Error::Refused {
+        address,
+        request: name(command).to_owned(),
+        code: match CommandCode::from_code(code) {
+            Some(known) => known.name().to_owned(),
+            None => format!("unknown code {code}"),
+        },
+    }
+}
+
+fn bad_answer(address: Address, command: Command, reason: &str) -> Error {
+    Error::BadAnswer {
+        address,
+        request: name(command).to_owned(),
+        reason: reason.to_owned(),
+    }
+}

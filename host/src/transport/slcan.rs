@@ -1,0 +1,261 @@
+//! SLCAN (Lawicel text protocol) over a serial port, a pty or a TCP stream.
+
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::{Duration, Instant};
+
+use windlass_core::frame::Frame;
+use windlass_core::slcan::{self, Line, LineReader};
+
+use super::{Bus, BusError, Received};
+
+/// Bit rates of the `S` command, in the order of its digit.
+pub const BIT_RATES: [u32; 9] = [
+    10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000,
+];
+
+/// Speed of a serial port in bit/s. USB adapters and ptys ignore it.
+const SERIAL_SPEED: u32 = 115_200;
+/// How long to wait for a TCP connection.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
+/// Shortest wait that every operating system accepts as a read timeout.
+const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+
+/// A byte stream that can wait for data for a limited time.
+pub trait Stream: Read + Write {
+    /// Sets how long the next reads may wait; never zero.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    fn limit_wait(&mut self, timeout: Duration) -> io::Result<()>;
+}
+
+impl Stream for TcpStream {
+    fn limit_wait(&mut self, timeout: Duration) -> io::Result<()> {
+        self.set_read_timeout(Some(timeout))
+    }
+}
+
+impl Stream for Box<dyn serialport::SerialPort> {
+    fn limit_wait(&mut self, timeout: Duration) -> io::Result<()> {
+        self.set_timeout(timeout).map_err(io::Error::from)
+    }
+}
+
+/// A bus behind an SLCAN adapter.
+#[derive(Debug)]
+pub struct SlcanBus<S: Stream> {
+    stream: S,
+    name: String,
+    lines: LineReader,
+    ready: VecDeque<Received>,
+    opened: Instant,
+}
+
+impl SlcanBus<Box<dyn serialport::SerialPort>> {
+    /// Opens a serial port or pty and the adapter's channel with `bit_rate`, one of [`BIT_RATES`].
+    ///
+    /// # Errors
+    /// No such port, no permission, or the port is in use.
+    pub fn serial(path: &str, bit_rate: u32) -> Result<Self, BusError> {
+        let port = serialport::new(path, SERIAL_SPEED)
+            .timeout(SHORTEST_WAIT)
+            .open()
+            .map_err(|error| serial_error(path, &error))?;
+        Self::start(port, format!("serial port {path}"), bit_rate)
+    }
+}
+
+impl SlcanBus<TcpStream> {
+    /// Connects to an SLCAN server. The bit rate is the server's business; the `S` command asks for
+    /// 1 Mbit/s.
+    ///
+    /// # Errors
+    /// Unknown host, nobody listens, or no answer within three seconds.
+    pub fn tcp(host: &str, port: u16) -> Result<Self, BusError> {
+        let name = format!("{host}:{port}");
+        let addresses = (host, port)
+            .to_socket_addrs()
+            .map_err(|error| BusError::Open {
+                what: name.clone(),
+                reason: format!("unknown host: {error}"),
+                next: "check the spelling of the host, or give its IP address".to_owned(),
+            })?;
+        let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
+        for address in addresses {
+            match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
+                Ok(stream) => return Self::connected(stream, name),
+                Err(error) => last = error,
+            }
+        }
+        Err(tcp_error(name, &last))
+    }
+
+    fn connected(stream: TcpStream, name: String) -> Result<Self, BusError> {
+        // Control frames must not wait for a full segment.
+        let ready = stream
+            .set_nodelay(true)
+            .and_then(|()| stream.set_write_timeout(Some(CONNECT_TIMEOUT)));
+        match ready {
+            Ok(()) => Self::start(stream, name, 1_000_000),
+            Err(source) => Err(BusError::Lost { what: name, source }),
+        }
+    }
+}
+
+impl<S: Stream> SlcanBus<S> {
+    /// Closes the adapter's channel in case it was left open, sets the bit rate and opens it. Answers
+    /// are not awaited: some adapters give none, and `C` on a closed channel is refused by most.
+    fn start(stream: S, name: String, bit_rate: u32) -> Result<Self, BusError> {
+        let digit = BIT_RATES.iter().position(|rate| *rate == bit_rate);
+        let digit = digit.ok_or_else(|| bad_bit_rate(&name))?;
+        let mut bus = Self {
+            stream,
+            name,
+            lines: LineReader::new(),
+            ready: VecDeque::new(),
+            opened: Instant::now(),
+        };
+        bus.write(format!("\rC\rS{digit}\rO\r").as_bytes())?;
+        Ok(bus)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), BusError> {
+        let sent = self.stream.write_all(bytes);
+        sent.and_then(|()| self.stream.flush())
+            .map_err(|source| self.lost(source))
+    }
+
+    fn lost(&self, source: io::Error) -> BusError {
+        BusError::Lost {
+            what: self.name.clone(),
+            source,
+        }
+    }
+
+    /// Reads what is there or waits for it; false if nothing came in time.
+    fn fill(&mut self, timeout: Duration) -> Result<bool, BusError> {
+        let mut buffer = [0; 4096];
+        let limited = self.stream.limit_wait(timeout.max(SHORTEST_WAIT));
+        match limited.and_then(|()| self.stream.read(&mut buffer)) {
+            Ok(0) => Err(self.lost(io::Error::from(io::ErrorKind::UnexpectedEof))),
+            Ok(count) => {
+                let at = self.now();
+                for byte in buffer.iter().take(count) {
+                    self.take(*byte, at);
+                }
+                Ok(true)
+            }
+            Err(error) if is_timeout(&error) => Ok(false),
+            Err(error) => Err(self.lost(error)),
+        }
+    }
+
+    /// Takes one byte. Lines that are no frames (answers to commands) are skipped; a bell stands for a
+    /// refused command and ends no line.
+    fn take(&mut self, byte: u8, at: Duration) {
+        if byte == slcan::BEL {
+            self.lines.clear();
+            return;
+        }
+        if let Some(Line::Content(line)) = self.lines.push(byte)
+            && let Some((frame, _)) = slcan::parse(&line)
+        {
+            self.ready.push_back(Received { frame, at });
+        }
+    }
+}
+
+impl<S: Stream> Bus for SlcanBus<S> {
+    fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
+        self.write(&slcan::format(frame, None))
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        let deadline = self.now() + timeout;
+        while self.ready.is_empty() {
+            let left = deadline.saturating_sub(self.now());
+            let more = self.fill(left)?;
+            if !more && self.now() >= deadline {
+                break;
+            }
+        }
+        Ok(self.ready.pop_front())
+    }
+
+    fn now(&self) -> Duration {
+        self.opened.elapsed()
+    }
+}
+
+impl<S: Stream> Drop for SlcanBus<S> {
+    fn drop(&mut self) {
+        // The adapter may be gone already; there is nobody left to tell.
+        let _ = self.stream.write_all(b"C\r");
+        let _ = self.stream.flush();
+    }
+}
+
+/// Interrupted calls (Ctrl-C) count as "nothing came", so that the caller looks at its own flags.
+fn is_timeout(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
+    )
+}
+
+fn bad_bit_rate(name: &str) -> BusError {
+    BusError::Open {
+        what: name.to_owned(),
+        reason: "SLCAN has no command for this bit rate".to_owned(),
+        next: format!("use one of {}", bit_rate_list()),
+    }
+}
+
+/// The bit rates that SLCAN knows, for messages.
+pub(super) fn bit_rate_list() -> String {
+    BIT_RATES.map(|rate| rate.to_string()).join(", ")
+}
+
+fn serial_error(path: &str, error: &serialport::Error) -> BusError {
+    use serialport::ErrorKind;
+    let next = match error.kind {
+        ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            "add your user to the group of the port (often dialout) and log in again".to_owned()
+        }
+        ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => known_ports(),
+        _ => {
+            "check that no other program has the port open and that it is a serial port".to_owned()
+        }
+    };
+    BusError::Open {
+        what: format!("serial port {path}"),
+        reason: error.description.clone(),
+        next,
+    }
+}
+
+fn known_ports() -> String {
+    let ports = serialport::available_ports().unwrap_or_default();
+    let names: Vec<String> = ports.into_iter().map(|port| port.port_name).collect();
+    if names.is_empty() {
+        "plug the adapter in; no serial port was found on this machine".to_owned()
+    } else {
+        format!("plug the adapter in, or use one of {}", names.join(", "))
+    }
+}
+
+fn tcp_error(name: String, error: &io::Error) -> BusError {
+    let next = match error.kind() {
+        io::ErrorKind::ConnectionRefused => format!(
+            "nobody listens there: start the bench with `windlass sim --slcan {name}`, or check the port"
+        ),
+        _ => "check the address, and that no firewall is in the way".to_owned(),
+    };
+    BusError::Open {
+        what: name,
+        reason: error.to_string(),
+        next,
+    }
+}
