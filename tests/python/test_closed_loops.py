@@ -6,11 +6,11 @@ import dmc60c
 from dmc60c import fixed
 from windlass_bench import BenchTest
 
-# 32767 throttle units turn the free motor at some 36 400 counts per 100 ms.
+# The gains of docs/tuning.md, which tells how they were found.
 VELOCITY_GAINS = {dmc60c.P_GAIN: fixed(0.25), dmc60c.I_GAIN: fixed(0.004),
-                  dmc60c.F_GAIN: fixed(0.9)}
-POSITION_GAINS = {dmc60c.P_GAIN: fixed(4), dmc60c.I_GAIN: fixed(0.004),
-                  dmc60c.D_GAIN: fixed(100), dmc60c.I_ZONE: 400_000}
+                  dmc60c.F_GAIN: fixed(0.841), dmc60c.I_ZONE: 140_000}
+POSITION_GAINS = {dmc60c.P_GAIN: fixed(1.5), dmc60c.D_GAIN: fixed(60),
+                  dmc60c.ALLOWABLE_ERROR: 2, dmc60c.FWD_NOMINAL: 440, dmc60c.REV_NOMINAL: -440}
 CURRENT_GAINS = {dmc60c.P_GAIN: fixed(20), dmc60c.I_GAIN: fixed(10)}
 
 
@@ -56,7 +56,7 @@ class Position(BenchTest):
         device.configure(POSITION_GAINS)
         for target in (4_096, -20_000, -19_900, 0):
             with self.subTest(target=target):
-                device.run(dmc60c.POSITION, target, 3_000_000)
+                device.run(dmc60c.POSITION, target, 1_500_000)
                 trace = device.run(dmc60c.POSITION, target, 300_000)
                 self.assertNear(self.bench.node()["position_counts"], target, 2)
                 self.assertNear(device.encoder(trace).position, target, 2)

@@ -57,8 +57,8 @@ class Terms(Law):
 
     def test_derivative_acts_on_a_change_of_the_error(self):
         self.device.configure({dmc60c.D_GAIN: fixed(1)})
-        self.output(0)
-        self.send(self.device.control(dmc60c.VELOCITY, 4_000))
+        self.output(1)  # the law runs from the first setpoint on; from there the error changes
+        self.send(self.device.control(dmc60c.VELOCITY, 4_001))
         peaks = []
         for _ in range(6):
             self.bench.advance(dmc60c.TICK_US)

@@ -71,7 +71,6 @@ class GateDriver(FaultTest):
         self.drive(20_000)
         self.bench.poke(0, gate_driver_fault=False)
         self.assertNear(self.time_until_output(4_000_000), 3_000_000, 20_000)
-        self.assertEqual(self.device.get(dmc60c.COUNT_GATE_DRIVER), 2)
 
     def test_short_circuit_is_a_gate_driver_fault(self):
         self.drive(20_000)
@@ -128,11 +127,9 @@ class OverTemperature(FaultTest):
         for celsius, share in ((84, 1.0), (90, 0.75), (95, 0.5), (100, 0.25)):
             with self.subTest(celsius=celsius):
                 self.bench.poke(0, temp_c=float(celsius))
-                self.drive(20_000, duty=32_767)
-                self.bench.poke(0, temp_c=float(celsius))
-                self.drive(2_000, duty=32_767)
-                self.assertNear(self.duty() / 32_767, share, 0.04)
-                self.drive(100_000, duty=0)
+                status = self.drive(20_000, duty=32_767)
+                self.assertEqual(status.duty, self.duty())
+                self.assertNear(status.duty / 32_767, share, 0.03)
 
 
 class OverCurrent(FaultTest):

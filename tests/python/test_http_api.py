@@ -179,6 +179,7 @@ class Trace(ApiTest):
 class Injection(ApiTest):
     def test_a_frame_reaches_the_controllers_and_the_clients(self):
         self.wake()
+        self.step(100_000)  # the self-check of a controller that was just switched on
         self.bench.inject(dmc60c.control(5, dmc60c.VOLTAGE, 4_444))
         trace = self.exchange(us=5_000)
         self.assertEqual(self.duty(0), 4_444)

@@ -140,13 +140,10 @@ class LossOfTheBus(BenchTest):
         self.assertTrue(self.pick(self.step(50_000), dmc60c.STATUS_GENERAL))
 
     def test_a_lonely_controller_notices_that_nobody_acknowledges(self):
-        self.client.bus.close()
-        self.client.synchronise()
+        self.client.close()
         self.bench.advance(300_000)
-        self.client.bus.open()
-        self.client.synchronise()
         self.bench.trace()
-        self.step(20_000)
+        self.connect()
         self.assertNotEqual(self.one().session, self.device.session)
 
 

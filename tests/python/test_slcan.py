@@ -34,6 +34,10 @@ class Raw:
                 raise ConnectionError("the port was closed")
             self.buffer += received
 
+    def say(self, command: bytes):
+        """A command that is answered only if it is wrong."""
+        self.socket.sendall(command + b"\r")
+
     def ask(self, command: bytes) -> bytes:
         self.socket.sendall(command + b"\r")
         return self.line()
@@ -72,7 +76,8 @@ class Protocol(RawTest):
         self.assertRegex(raw.ask(b"V"), rb"^V", "the port goes on working")
 
     def test_a_closed_channel_sends_nothing(self):
-        raw = self.raw()
+        raw = self.opened()
+        self.assertEqual(raw.ask(b"C"), b"\r")
         self.assertEqual(raw.ask(b"t1230"), b"\x07")
         self.bench.advance(5_000)
         self.assertEqual(self.bench.trace(), [])
@@ -83,9 +88,9 @@ class Protocol(RawTest):
 
     def test_frames_of_each_kind_reach_the_bus(self):
         raw = self.opened()
-        for command, answer in ((b"t1232AABB", b"z\r"), (b"T1234567830a0B0c", b"Z\r"),
-                                (b"r7FF4", b"z\r"), (b"R1FFFFFFF8", b"Z\r"), (b"t0000", b"z\r")):
-            self.assertIn(raw.ask(command), (answer, b"\r"))
+        for command in (b"t1232AABB", b"T1234567830a0B0c", b"r7FF4", b"R1FFFFFFF8", b"t0000"):
+            raw.say(command)
+        self.assertRegex(raw.ask(b"V"), rb"^V", "a frame has no answer of its own")
         self.bench.advance(5_000)
         sent = [(seen.id, seen.ext, seen.rtr, seen.dlc, seen.data)
                 for seen in self.bench.trace() if not seen.from_node]
@@ -107,17 +112,12 @@ class Protocol(RawTest):
         raw.ask(b"S8")
         self.assertEqual(raw.ask(b"Z1"), b"\r")
         raw.ask(b"O")
-        self.bench.advance(61_000)
-        for wait, stamp in ((0, b"03E8"), (200_000, None)):
-            self.bench.advance(wait)
-            self.bench.inject(Frame(0x100, b"", ext=False))
-            self.bench.advance(400)
-            line = raw.line()
-            self.assertRegex(line, rb"^t1000[0-9A-F]{4}\r$")
-            stamps = int(line[5:9], 16)
-            self.assertLess(stamps, 60_000)
-            if stamp:
-                self.assertNear(stamps, int(stamp, 16), 1)
+        self.bench.advance(61_000_000)  # stamps start again from 0 after a minute
+        self.bench.inject(Frame(0x100, b"", ext=False))
+        self.bench.advance(400)
+        line = raw.line()
+        self.assertRegex(line, rb"^t1000[0-9A-F]{4}\r$")
+        self.assertNear(int(line[5:9], 16), 1_000, 1)
 
     def test_listen_only_receives_and_does_not_send(self):
         raw = self.raw()
@@ -125,7 +125,7 @@ class Protocol(RawTest):
         self.assertEqual(raw.ask(b"L"), b"\r")
         self.assertEqual(raw.ask(b"t1230"), b"\x07")
         other = self.opened()
-        other.ask(b"t4560")
+        other.say(b"t4560")
         self.bench.advance(1_000)
         self.assertEqual(raw.line(), b"t4560\r")
 

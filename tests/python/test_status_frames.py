@@ -284,7 +284,7 @@ class AnalogFields(BenchTest):
 
     def test_multiplier_of_the_formula(self):
         # (3.3 / 4096) / (0.0005 * 50) * 65536 = 2112 = 0x840 for a shunt of 500 microohms
-        self.assertEqual(int(3.3 / 4096 / (0.0005 * 50) * 65536), 0x840)
+        self.assertEqual(round(3.3 / 4096 / (0.0005 * 50) * 65536), 0x840)
         # The bench's shunt is the one that the default 0x816 belongs to: readings are true.
         device = self.one()
         self.assertEqual(device.get(dmc60c.ADC_CURRENT_MULTIPLIER), 0x816)
