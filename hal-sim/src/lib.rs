@@ -21,29 +21,58 @@
 //! let answer = world.advance_until_received(tool, deadline).unwrap();
 //! assert_eq!(answer.frame.extended_id(), Some(0x0206_F005));
 //! ```
+//!
+//! Without its default feature `std` the crate is `no_std` and holds the plant alone ([`Rig`]), which the
+//! firmware for the emulator carries in its image.
+#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(feature = "std"),
+    expect(dead_code, reason = "only the bench reads the plant's truth")
+)]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "std")]
 mod bits;
+#[cfg(feature = "std")]
 mod bus;
+#[cfg(feature = "std")]
 mod controller;
+#[cfg(feature = "std")]
 mod load;
+#[cfg(feature = "std")]
 mod node;
 mod pins;
 mod plant;
 mod random;
+#[cfg(feature = "std")]
 mod replay;
+mod rig;
+#[cfg(feature = "std")]
 mod spec;
+#[cfg(feature = "std")]
 mod ticker;
+#[cfg(feature = "std")]
 mod trace;
+#[cfg(feature = "std")]
 mod truth;
+#[cfg(feature = "std")]
 mod world;
 
+#[cfg(feature = "std")]
 pub use bits::occupied_bits;
+#[cfg(feature = "std")]
 pub use controller::ErrorState;
+#[cfg(feature = "std")]
 pub use node::SimNode;
 pub use plant::{Battery, Bridge, COUNTS_PER_REVOLUTION, DataSheet, FrontEnd, Motor, PlantConfig};
+#[cfg(feature = "std")]
 pub use replay::{TickRecord, replay};
+pub use rig::{Rig, RigPoke};
+#[cfg(feature = "std")]
 pub use spec::{NodeSpec, NodeSpecError, WorldConfig};
+#[cfg(feature = "std")]
 pub use trace::{Source, TRACE_CAPACITY, TraceEntry};
+#[cfg(feature = "std")]
 pub use truth::{Poke, Truth};
+#[cfg(feature = "std")]
 pub use world::{BusStatistics, ParticipantId, ParticipantStatistics, Received, World};

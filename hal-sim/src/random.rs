@@ -30,7 +30,8 @@ impl Random {
 
     /// True with this probability; 0 or less never draws a number.
     pub(crate) fn chance(&mut self, probability: f64) -> bool {
-        probability > 0.0 && ((self.next() >> 11) as f64) * (0.5_f64).powi(53) < probability
+        const PER_STEP: f64 = 1.0 / (1_u64 << 53) as f64;
+        probability > 0.0 && ((self.next() >> 11) as f64) * PER_STEP < probability
     }
 
     /// A number from 0 to `bound` − 1; 0 for a bound of 0.

@@ -25,7 +25,7 @@ use thermal::Thermal;
 const TICK: f64 = 500e-6;
 /// Steps of integration per tick: 250 µs resolve the electrical time constant of 0.64 ms.
 const STEPS: u32 = 2;
-const COUNTS_PER_RADIAN: f64 = COUNTS_PER_REVOLUTION / std::f64::consts::TAU;
+const COUNTS_PER_RADIAN: f64 = COUNTS_PER_REVOLUTION / core::f64::consts::TAU;
 
 /// Full reverse is −32768 throttle units.
 const PER_DUTY_UNIT: f64 = 1.0 / 32768.0;

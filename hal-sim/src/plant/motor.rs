@@ -91,7 +91,7 @@ impl Default for DataSheet {
         const DISC_INERTIA: f64 = 0.5 * 0.150 * 0.050 * 0.050;
         Self {
             voltage: 12.0,
-            free_speed: 5330.0 * std::f64::consts::TAU / 60.0,
+            free_speed: 5330.0 * core::f64::consts::TAU / 60.0,
             free_current: 2.7,
             stall_current: 131.0,
             stall_torque: 2.41,
@@ -291,7 +291,7 @@ mod tests {
     fn free_speed_and_free_current_are_the_data_sheets() {
         let mut state = MotorState::default();
         run(TWELVE_VOLTS, Load::default(), 2.0, &mut state);
-        near(state.speed * 60.0 / std::f64::consts::TAU, 5330.0, 0.001);
+        near(state.speed * 60.0 / core::f64::consts::TAU, 5330.0, 0.001);
         near(state.current, 2.7, 0.001);
     }
 

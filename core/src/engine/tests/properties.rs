@@ -88,10 +88,10 @@ fn any_params() -> impl Strategy<Value = Params> {
 }
 
 proptest! {
-    /// I1 for the engine, I3, I4 and the limits: whatever goes in, nothing panics, a fault means off, the
+    /// I1 for the engine, I3 and the limits: whatever goes in, nothing panics, a fault means off, the
     /// duty cycle stays within what is allowed, and no blocked direction is driven.
     #[test]
-    fn i1_i3_i4_no_input_breaks_the_limits(
+    fn i1_i3_no_input_breaks_the_limits(
         params in any_params(),
         steps in proptest::collection::vec((any_sample(), any_command()), 1..40),
         calm in 0..100_usize,
@@ -119,6 +119,41 @@ proptest! {
             prop_assert_eq!(
                 snapshot.actuation == Actuation::Drive(Duty::ZERO), false, "zero is never driven"
             );
+        }
+    }
+
+    /// I4: whatever the gains, nominal duty cycle, ramp and targets are, the slot's maximum is kept in
+    /// every tick, and so is the derated cap of a hot bridge.
+    #[test]
+    fn i4_the_duty_never_exceeds_the_slot_maximum_or_the_derated_cap(
+        gains: [i32; 4], ramp in 0..100_i32, nominal in 0..32767_i32, maximum in 0..32767_i32,
+        hot in 86..104_i32, steps in proptest::collection::vec((any::<i32>(), any::<u32>()), 1..30),
+    ) {
+        let mut rig = Rig::new();
+        for (id, value) in [
+            (ParameterId::Slot0P, gains[0]),
+            (ParameterId::Slot0I, gains[1]),
+            (ParameterId::Slot0D, gains[2]),
+            (ParameterId::Slot0F, gains[3]),
+            (ParameterId::Slot0Ramp, ramp),
+            (ParameterId::Slot0ForwardNominal, nominal),
+            (ParameterId::Slot0ReverseNominal, -nominal),
+            (ParameterId::Slot0ForwardMax, maximum),
+            (ParameterId::Slot0ReverseMax, -maximum / 2),
+        ] {
+            rig.set(id, value);
+        }
+        for (target, encoder) in &steps {
+            rig.sample.encoder = *encoder;
+            let duty = i32::from(rig.drive(Setpoint::Position(*target), 1));
+            prop_assert!(duty <= maximum && duty >= -maximum / 2, "{} of {}", duty, maximum);
+        }
+        rig.sample.temperature = celsius(f64::from(hot));
+        // One conversion step is 0.08 °C, which is 132 throttle units of the derating.
+        let cap = (105 - hot) * 32768 / 20 + 132;
+        for (target, _) in steps {
+            let duty = i32::from(rig.drive(Setpoint::Duty(Duty::new(target as i16)), 1));
+            prop_assert!(duty.abs() <= cap, "{} of {} at {}", duty, cap, hot);
         }
     }
 

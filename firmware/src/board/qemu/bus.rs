@@ -1,0 +1,54 @@
+//! A bus with one other participant, at the far end of an SLCAN line.
+//!
+//! A frame from the client is received, a frame to the client is sent at once. While the client's
+//! channel is closed nobody acknowledges, so closing it is the loss of the bus.
+
+use windlass_core::node::{Transmission, TxOutcome};
+use windlass_core::slcan::{Channel, State};
+use windlass_core::time::Instant;
+
+use super::serial;
+use crate::chip::stm32f405_emulated as chip;
+use crate::port::{Bus, BusEvent};
+
+/// The bus.
+#[derive(Debug, Default)]
+pub(super) struct SlcanBus {
+    channel: Channel,
+    ended: Option<TxOutcome>,
+}
+
+impl Bus for SlcanBus {
+    fn poll(&mut self, _: Instant) -> Option<BusEvent> {
+        if let Some(outcome) = self.ended.take() {
+            return Some(BusEvent::Ended(outcome));
+        }
+        while let Some(byte) = serial::can_byte() {
+            let before = self.channel.state();
+            let Some(answer) = self.channel.push(byte) else {
+                continue;
+            };
+            chip::write(serial::CAN, &answer.reply);
+            if let Some(frame) = answer.transmit {
+                return Some(BusEvent::Received(frame));
+            }
+            if self.channel.state() == State::Closed && before != State::Closed {
+                return Some(BusEvent::Lost);
+            }
+        }
+        None
+    }
+
+    fn transmit(&mut self, now: Instant, transmission: &Transmission) {
+        let line = self
+            .channel
+            .received(&transmission.frame, now.as_micros() / 1000);
+        self.ended = Some(match line {
+            Some(line) => {
+                chip::write(serial::CAN, &line);
+                TxOutcome::Sent
+            }
+            None => TxOutcome::Failed,
+        });
+    }
+}

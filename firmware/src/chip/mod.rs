@@ -1,0 +1,4 @@
+//! Chips: what touches registers. One file per chip; a board uses exactly one of them.
+
+#[cfg(feature = "board-qemu")]
+pub mod stm32f405_emulated;

@@ -1,0 +1,64 @@
+//! What happens when the program cannot go on: bridge off, cause kept, reset.
+
+use core::arch::global_asm;
+use core::panic::PanicInfo;
+use core::sync::atomic::{Ordering, compiler_fence};
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::exception;
+
+use crate::board;
+use crate::record::{Cause, Record, hash};
+
+/// Survives a reset: `.uninit` is neither zeroed nor loaded at the start.
+#[unsafe(link_section = ".uninit.RECORD")]
+pub static RECORD: Record = Record::new();
+
+/// Ends the program.
+pub fn end(cause: Cause) -> ! {
+    cortex_m::interrupt::disable();
+    board::bridge_off();
+    RECORD.set(cause);
+    compiler_fence(Ordering::SeqCst);
+    SCB::sys_reset();
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    let (line, file) = info
+        .location()
+        .map_or((0, 0), |place| (place.line(), hash(place.file())));
+    end(Cause::Panic { line, file })
+}
+
+// The processor may have come here because the stack has overflowed: the handler starts with an empty
+// stack, or its own first push would lock the processor up. Nothing of the old stack is needed.
+global_asm!(
+    ".section .HardFault.user, \"ax\"",
+    ".global HardFault",
+    ".type HardFault, %function",
+    ".thumb_func",
+    "HardFault:",
+    "ldr r0, =_stack_start",
+    "msr msp, r0",
+    "b {handler}",
+    ".ltorg",
+    ".size HardFault, . - HardFault",
+    handler = sym hard_fault,
+);
+
+extern "C" fn hard_fault() -> ! {
+    // SAFETY: reading these registers has no side effect, and nothing else runs any more.
+    let scb = unsafe { &*SCB::PTR };
+    end(Cause::HardFault {
+        status: scb.cfsr.read(),
+        address: scb.bfar.read(),
+    })
+}
+
+#[exception]
+unsafe fn DefaultHandler(number: i16) -> ! {
+    end(Cause::UnexpectedInterrupt {
+        number: number as u32,
+    })
+}

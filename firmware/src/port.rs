@@ -1,0 +1,62 @@
+//! What a board offers to thread mode.
+
+use windlass_core::frame::Frame;
+use windlass_core::led::Leds;
+use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::node::{NodeConfig, Transmission, TxOutcome};
+use windlass_core::params::Stored;
+use windlass_core::time::Instant;
+
+/// What happened on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BusEvent {
+    /// A frame was received without error.
+    Received(Frame),
+    /// The transmission that was started last has ended.
+    Ended(TxOutcome),
+    /// The controller left the bus (error passive or bus-off) and flushed its mailbox.
+    Lost,
+}
+
+/// The node's CAN bus.
+pub trait Bus {
+    /// The oldest event that was not taken yet. Never waits.
+    fn poll(&mut self, now: Instant) -> Option<BusEvent>;
+
+    /// Starts a transmission. Called only while none is on its way; its end is reported by
+    /// [`Bus::poll`].
+    fn transmit(&mut self, now: Instant, transmission: &Transmission);
+}
+
+/// A board as thread mode sees it.
+pub trait Board {
+    /// Its bus.
+    type Bus: Bus;
+
+    /// What the node on this board is made from.
+    fn node_config(&self) -> NodeConfig;
+
+    /// Time since power-on.
+    fn now(&mut self) -> Instant;
+
+    /// The bus.
+    fn bus(&mut self) -> &mut Self::Bus;
+
+    /// What was kept last, if anything.
+    fn load(&mut self) -> Option<Stored>;
+
+    /// Keeps a set; false if that could not be done.
+    fn save(&mut self, stored: &Stored) -> bool;
+
+    /// Shows the LEDs; called once a tick at most.
+    fn show(&mut self, leds: Leds);
+
+    /// True once for every press of the brake/coast button.
+    fn button_pressed(&mut self) -> bool;
+
+    /// Tests the expansion header; gives the pin that failed.
+    fn test_pins(&mut self, test: PinTest) -> Option<TestPin>;
+
+    /// Thread mode and tick are alive: restarts the watchdog.
+    fn feed_watchdog(&mut self);
+}

@@ -1,0 +1,163 @@
+use super::*;
+use std::collections::VecDeque;
+use std::vec::Vec;
+use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
+use windlass_core::engine::command::Setpoint;
+use windlass_core::frame::Frame;
+use windlass_core::led::Leds;
+use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::node::{Transmission, TxOutcome};
+use windlass_core::time::{Duration, TICK};
+use windlass_core::units::Duty;
+
+/// A bus that a test fills and reads.
+#[derive(Default)]
+struct FakeBus {
+    events: VecDeque<BusEvent>,
+    sent: Vec<Frame>,
+}
+
+impl Bus for FakeBus {
+    fn poll(&mut self, _: Instant) -> Option<BusEvent> {
+        self.events.pop_front()
+    }
+
+    fn transmit(&mut self, _: Instant, transmission: &Transmission) {
+        self.sent.push(transmission.frame);
+    }
+}
+
+/// A board whose flash can fail.
+#[derive(Default)]
+struct FakeBoard {
+    bus: FakeBus,
+    now: Instant,
+    saved: Vec<Stored>,
+    flash_fails: bool,
+    fed: u32,
+}
+
+impl Board for FakeBoard {
+    type Bus = FakeBus;
+
+    fn node_config(&self) -> NodeConfig {
+        NodeConfig::dmc60c(1)
+    }
+
+    fn now(&mut self) -> Instant {
+        self.now
+    }
+
+    fn bus(&mut self) -> &mut FakeBus {
+        &mut self.bus
+    }
+
+    fn load(&mut self) -> Option<Stored> {
+        self.saved.last().cloned()
+    }
+
+    fn save(&mut self, stored: &Stored) -> bool {
+        if !self.flash_fails {
+            self.saved.push(stored.clone());
+        }
+        !self.flash_fails
+    }
+
+    fn show(&mut self, _: Leds) {}
+
+    fn button_pressed(&mut self) -> bool {
+        false
+    }
+
+    fn test_pins(&mut self, _: PinTest) -> Option<TestPin> {
+        None
+    }
+
+    fn feed_watchdog(&mut self) {
+        self.fed += 1;
+    }
+}
+
+fn receive(board: &mut FakeBoard, frame: Frame) {
+    board.bus.events.push_back(BusEvent::Received(frame));
+}
+
+fn start() -> (FakeBoard, Crossing, Thread) {
+    let mut board = FakeBoard::default();
+    let config = board.node_config();
+    let thread = Thread::new(board.now(), &config, None);
+    (board, Crossing::new(), thread)
+}
+
+#[test]
+fn a_control_frame_reaches_the_tick_once() {
+    let (mut board, crossing, mut thread) = start();
+    receive(
+        &mut board,
+        Frame::extended(CONTROL_0, [0, 0, 0, 0, 0x34, 0x12, 0, 0]),
+    );
+    assert_eq!(thread.pass(&mut board, &crossing), None);
+    assert!(crossing.settings.take().is_some());
+    let command = crossing.command.take().expect("a command");
+    assert_eq!(command.setpoint, Setpoint::Duty(Duty::new(0x1234)));
+    thread.pass(&mut board, &crossing);
+    assert_eq!(crossing.command.take(), None);
+    assert_eq!(crossing.settings.take(), None);
+}
+
+#[test]
+fn one_transmission_is_on_its_way_until_the_bus_reports_its_end() {
+    let (mut board, crossing, mut thread) = start();
+    receive(&mut board, Frame::standard(0, []));
+    board.now = Instant::ZERO + Duration::from_millis(200);
+    thread.pass(&mut board, &crossing);
+    board.now = board.now + Duration::from_millis(200);
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.bus.sent.len(), 1);
+    board.bus.events.push_back(BusEvent::Ended(TxOutcome::Sent));
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.bus.sent.len(), 2);
+    // A lost bus has flushed the mailbox, and without a bus nothing is sent.
+    board.bus.events.push_back(BusEvent::Lost);
+    board.now = board.now + Duration::from_millis(200);
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.bus.sent.len(), 2);
+}
+
+#[test]
+fn the_watchdog_is_fed_once_for_every_tick_and_never_without_one() {
+    let (mut board, crossing, mut thread) = start();
+    for _ in 0..10 {
+        thread.pass(&mut board, &crossing);
+    }
+    assert_eq!(board.fed, 0);
+    crossing.skip();
+    thread.pass(&mut board, &crossing);
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.fed, 1);
+}
+
+#[test]
+fn a_failed_save_is_tried_again() {
+    let (mut board, crossing, mut thread) = start();
+    receive(&mut board, Frame::standard(0, []));
+    thread.pass(&mut board, &crossing);
+    let session = thread
+        .node()
+        .session()
+        .expect("the bus was seen")
+        .to_le_bytes();
+    let [low, high] = session;
+    // vcmdSetDeviceNumber 9.
+    receive(
+        &mut board,
+        Frame::extended(0x0206_FC00, [low, high, 1, 0, 9, 0, 0, 0]),
+    );
+    board.flash_fails = true;
+    thread.pass(&mut board, &crossing);
+    assert!(board.saved.is_empty());
+    board.flash_fails = false;
+    board.now = board.now + TICK;
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.load().map(|stored| stored.number), Some(9));
+}

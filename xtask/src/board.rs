@@ -1,0 +1,55 @@
+//! The boards that firmware is built for.
+
+use crate::error::Error;
+
+/// The board that is built unless another one is asked for.
+pub(crate) const DEFAULT: &str = "qemu";
+
+/// One board.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Board {
+    /// Name on the command line; the feature of the firmware package is `board-` and this name.
+    pub(crate) name: &'static str,
+    /// What it is.
+    pub(crate) about: &'static str,
+    /// True if the budgets of real boards hold for its image: the emulated one carries a plant.
+    pub(crate) budgeted: bool,
+    /// The chip's name for probe-rs; none for an emulated board.
+    pub(crate) probe_chip: Option<&'static str>,
+}
+
+/// Every board.
+pub(crate) const BOARDS: [Board; 1] = [Board {
+    name: "qemu",
+    about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
+    budgeted: false,
+    probe_chip: None,
+}];
+
+/// The board with this name.
+pub(crate) fn find(name: &str) -> Result<Board, Error> {
+    BOARDS
+        .into_iter()
+        .find(|board| board.name == name)
+        .ok_or_else(|| Error::UnknownBoard(name.to_owned()))
+}
+
+/// All names, for messages.
+pub(crate) fn names() -> String {
+    BOARDS.map(|board| board.name).join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_board_exists_and_an_unknown_one_lists_all() {
+        assert!(find(DEFAULT).is_ok());
+        let message = find("uno").map(|board| board.name).unwrap_err().to_string();
+        assert!(message.contains("`uno`"), "{message}");
+        for board in BOARDS {
+            assert!(message.contains(board.name), "{message}");
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! `cargo xtask qemu-test`: the firmware in QEMU, driven by a Python client.
+
+use std::env;
+use std::process::Command;
+
+use crate::board;
+use crate::error::Error;
+use crate::firmware::{APPLICATION, build, checked};
+use crate::toolchain::{Toolchain, in_path};
+
+/// The emulator's program.
+pub(crate) const QEMU: &str = "qemu-system-arm";
+
+/// Builds the image of the emulated board and runs the Python tests against it. `names` are unittest
+/// names; none runs all.
+pub(crate) fn test(names: &[String]) -> Result<(), Error> {
+    if !in_path(QEMU) {
+        return Err(Error::Missing {
+            program: QEMU,
+            hint: "apt-get install qemu-system-arm",
+        });
+    }
+    let toolchain = Toolchain::find()?;
+    let elf = build(&toolchain, &board::find("qemu")?, APPLICATION)?;
+    let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let mut modules = Command::new(&python);
+    modules.args(["-c", "import can, serial"]);
+    checked(
+        "python3 with python-can and pyserial",
+        &mut modules,
+        "install Python, then `pip install python-can pyserial`",
+    )?;
+    let mut tests = Command::new(&python);
+    tests
+        .current_dir(crate::root().join("firmware/emulation"))
+        .env("WINDLASS_IMAGE", elf)
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .args(["-m", "unittest", "-v"]);
+    if names.is_empty() {
+        tests.arg("test_firmware");
+    } else {
+        tests.args(names);
+    }
+    checked("the emulator test", &mut tests, "is Python installed?")
+}

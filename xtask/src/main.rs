@@ -1,0 +1,56 @@
+//! Commands of the Windlass workspace, run as `cargo xtask COMMAND`.
+
+mod board;
+mod emulator;
+mod error;
+mod firmware;
+mod image;
+mod toolchain;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "Commands of the Windlass workspace")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Builds the firmware of one board and shows what it takes up
+    Firmware {
+        /// Board to build for
+        #[arg(long, default_value = board::DEFAULT)]
+        board: String,
+    },
+    /// Runs the firmware in QEMU and drives it with python-can
+    QemuTest {
+        /// Tests to run, as unittest names them; all by default
+        names: Vec<String>,
+    },
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Firmware { board } => firmware::run(&board),
+        Command::QemuTest { names } => emulator::test(&names),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The workspace's folder.
+fn root() -> PathBuf {
+    let mut path = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    path.pop();
+    path
+}

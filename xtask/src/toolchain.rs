@@ -1,0 +1,153 @@
+//! Finds a compiler that can build for the microcontroller.
+//!
+//! Two kinds will do: one with the target's library (rustup's, after `rustup target add`), or one with
+//! the sources of the library (Debian's rustc-web with rust-web-src), which then builds it itself.
+
+use std::env;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::error::Error;
+
+/// The target of every board.
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Variables that would mix one toolchain with another.
+const FOREIGN: [&str; 7] = [
+    "CARGO",
+    "RUSTUP_TOOLCHAIN",
+    "RUSTFLAGS",
+    "CARGO_ENCODED_RUSTFLAGS",
+    "LD_LIBRARY_PATH",
+    "RUSTDOC",
+    "RUSTC_WRAPPER",
+];
+
+/// How the target's library comes about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Library {
+    /// It is installed.
+    Installed,
+    /// It is built from its sources, and linked with this program.
+    Built { linker: &'static str },
+}
+
+/// A toolchain that works.
+#[derive(Clone, Debug)]
+pub(crate) struct Toolchain {
+    sysroot: PathBuf,
+    library: Library,
+}
+
+impl Toolchain {
+    /// Looks at the compiler in use, then at the system's.
+    pub(crate) fn find() -> Result<Self, Error> {
+        let mut sysroots = Vec::new();
+        for compiler in compilers() {
+            if let Some(sysroot) = sysroot(&compiler)
+                && !sysroots.contains(&sysroot)
+            {
+                sysroots.push(sysroot);
+            }
+        }
+        if let Some(sysroot) = sysroots.iter().find(|sysroot| has_library(sysroot)) {
+            return Ok(Self {
+                sysroot: sysroot.clone(),
+                library: Library::Installed,
+            });
+        }
+        let Some(sysroot) = sysroots.iter().find(|sysroot| has_sources(sysroot)) else {
+            let looked_at: Vec<String> = sysroots
+                .iter()
+                .map(|sysroot| sysroot.display().to_string())
+                .collect();
+            return Err(Error::NoToolchain {
+                looked_at: looked_at.join(", "),
+            });
+        };
+        let linker = ["arm-none-eabi-ld", "ld.lld"]
+            .into_iter()
+            .find(|linker| in_path(linker))
+            .ok_or(Error::NoLinker)?;
+        Ok(Self {
+            sysroot: sysroot.clone(),
+            library: Library::Built { linker },
+        })
+    }
+
+    /// The `cargo build` of this toolchain for the target, for `folder` as target folder.
+    pub(crate) fn cargo_build(&self, folder: &Path) -> Command {
+        let mut command = Command::new(self.sysroot.join("bin/cargo"));
+        for name in FOREIGN {
+            command.env_remove(name);
+        }
+        command
+            .current_dir(crate::root())
+            .env("RUSTC", self.sysroot.join("bin/rustc"))
+            .arg("build")
+            .args(["--target", TARGET])
+            .arg("--target-dir")
+            .arg(folder);
+        if let Library::Built { linker } = self.library {
+            // The library's sources are those of a released compiler, which builds them only when it
+            // is told that this is meant.
+            command
+                .env("RUSTC_BOOTSTRAP", "1")
+                .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker)
+                .arg("-Zbuild-std=core");
+        }
+        command
+    }
+}
+
+impl fmt::Display for Toolchain {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sysroot = self.sysroot.display();
+        match self.library {
+            Library::Installed => write!(formatter, "{sysroot}, with the target's library"),
+            Library::Built { linker } => write!(
+                formatter,
+                "{sysroot}, which builds the target's library from its sources (linker {linker})"
+            ),
+        }
+    }
+}
+
+/// Compilers to try, the one that cargo uses for this very program first.
+fn compilers() -> Vec<PathBuf> {
+    let mut compilers = Vec::new();
+    if let Some(compiler) = env::var_os("RUSTC") {
+        compilers.push(PathBuf::from(compiler));
+    }
+    compilers.push(PathBuf::from("rustc"));
+    compilers.push(PathBuf::from("/usr/bin/rustc"));
+    compilers
+}
+
+fn sysroot(compiler: &Path) -> Option<PathBuf> {
+    let output = Command::new(compiler)
+        .args(["--print", "sysroot"])
+        .output()
+        .ok()?;
+    let path = PathBuf::from(String::from_utf8(output.stdout).ok()?.trim());
+    (output.status.success() && path.join("bin/cargo").exists()).then_some(path)
+}
+
+fn has_library(sysroot: &Path) -> bool {
+    sysroot
+        .join("lib/rustlib")
+        .join(TARGET)
+        .join("lib")
+        .is_dir()
+}
+
+fn has_sources(sysroot: &Path) -> bool {
+    sysroot.join("lib/rustlib/src/rust/library/core").is_dir()
+}
+
+/// True if a program of this name can be found.
+pub(crate) fn in_path(program: &str) -> bool {
+    env::var_os("PATH")
+        .is_some_and(|path| env::split_paths(&path).any(|folder| folder.join(program).is_file()))
+}
