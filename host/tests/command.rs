@@ -14,7 +14,7 @@ use windlass_core::slcan;
 fn windlass(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_windlass"))
         .args(arguments)
-        .env_remove("WINDLASS_BUS")
+        .env_remove("WINDLASS_TRANSPORT")
         .output()
         .unwrap()
 }
@@ -76,12 +76,12 @@ fn wrong_usage_ends_with_2() {
         &["param"],
         &["param", "set", "1", "10"],
         &["--timeout", "0", "scan"],
-        &["--bus", "usb", "scan"],
-        &["--bus", "sim:dmc60c:64", "scan"],
-        &["--bus", "slcan:/dev/null@9600", "scan"],
-        &["--bus", "tcp:localhost", "scan"],
-        &["--bus", "tcp:localhost:0", "scan"],
-        &["--bus", "socketcan:", "scan"],
+        &["--transport", "usb", "scan"],
+        &["--transport", "sim:dmc60c:64", "scan"],
+        &["--transport", "slcan:/dev/null@9600", "scan"],
+        &["--transport", "tcp:localhost", "scan"],
+        &["--transport", "tcp:localhost:0", "scan"],
+        &["--transport", "socketcan:", "scan"],
     ] {
         failure(arguments, 2);
     }
@@ -89,12 +89,12 @@ fn wrong_usage_ends_with_2() {
 
 #[test]
 fn a_transport_that_cannot_be_opened_ends_with_3() {
-    let message = failure(&["--bus", "slcan:/dev/no-such-port", "scan"], 3);
+    let message = failure(&["--transport", "slcan:/dev/no-such-port", "scan"], 3);
     assert!(message.contains("/dev/no-such-port"), "{message}");
     // A file that is no terminal.
-    failure(&["--bus", "slcan:/dev/null", "scan"], 3);
+    failure(&["--transport", "slcan:/dev/null", "scan"], 3);
     // No kernel has an interface of this name, and many have no CAN at all.
-    let message = failure(&["--bus", "socketcan:nosuchcan", "scan"], 3);
+    let message = failure(&["--transport", "socketcan:nosuchcan", "scan"], 3);
     assert!(message.contains("nosuchcan"), "{message}");
 }
 
@@ -105,7 +105,7 @@ fn a_port_where_nobody_listens_ends_with_3() {
     let port = listener.local_addr().unwrap().port();
     drop(listener);
     let bus = format!("tcp:127.0.0.1:{port}");
-    let message = failure(&["--bus", &bus, "scan"], 3);
+    let message = failure(&["--transport", &bus, "scan"], 3);
     assert!(message.contains("refused"), "{message}");
 }
 
@@ -114,7 +114,7 @@ fn a_bus_that_breaks_ends_with_3() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     let server = std::thread::spawn(move || drop(listener.accept().unwrap()));
-    let output = windlass(&["--bus", &format!("tcp:127.0.0.1:{port}"), "scan"]);
+    let output = windlass(&["--transport", &format!("tcp:127.0.0.1:{port}"), "scan"]);
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{text}");
     assert!(
@@ -139,7 +139,7 @@ fn a_missing_device_ends_with_4() {
         let message = failure(arguments, 4);
         assert!(message.contains("there is no device"), "{message}");
     }
-    let twins = ["--bus", "sim:dmc60c:5,dmc60c:5", "info", "5"];
+    let twins = ["--transport", "sim:dmc60c:5,dmc60c:5", "info", "5"];
     assert!(failure(&twins, 4).contains("2 devices match"));
 }
 
@@ -155,7 +155,10 @@ fn an_empty_bus_ends_with_4() {
             std::io::copy(&mut stream, &mut std::io::sink()).unwrap();
         }
     });
-    let message = failure(&["--bus", &format!("tcp:127.0.0.1:{port}"), "scan"], 4);
+    let message = failure(
+        &["--transport", &format!("tcp:127.0.0.1:{port}"), "scan"],
+        4,
+    );
     assert!(message.contains("no device answered"), "{message}");
     server.join().unwrap();
 }
@@ -228,7 +231,7 @@ fn a_device_that_does_not_answer_ends_with_5() {
     ];
     let (bus, server) = stubborn_device(2 * commands.len());
     for command in commands {
-        let message = failure(&[&["--bus", &bus], command].concat(), 5);
+        let message = failure(&[&["--transport", &bus], command].concat(), 5);
         assert!(message.contains("device 1"), "{message}");
     }
     server.join().unwrap();
@@ -237,7 +240,7 @@ fn a_device_that_does_not_answer_ends_with_5() {
 #[test]
 fn a_device_that_refuses_ends_with_6_and_its_code() {
     let (bus, server) = stubborn_device(2);
-    let message = failure(&["--bus", &bus, "param", "set", "1", "10", "1.5"], 6);
+    let message = failure(&["--transport", &bus, "param", "set", "1", "10", "1.5"], 6);
     assert!(message.contains("percBadValue"), "{message}");
     server.join().unwrap();
 }
@@ -307,7 +310,7 @@ fn help_and_version_end_with_0_and_name_the_exit_codes() {
 fn the_environment_names_the_bus() {
     let output = Command::new(env!("CARGO_BIN_EXE_windlass"))
         .args(["scan", "--json"])
-        .env("WINDLASS_BUS", "sim:dmc60c:7,dmc60c:9")
+        .env("WINDLASS_TRANSPORT", "sim:dmc60c:7,dmc60c:9")
         .output()
         .unwrap();
     let scanned: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -356,7 +359,7 @@ fn every_verb_prints_json_that_parses() {
 fn live_verbs_print_one_json_document_for_each_sample() {
     for arguments in [
         &["run", "1", "--duty", "25%", "--seconds", "1", "--json"][..],
-        &["monitor", "--load", "--seconds", "1", "--json"],
+        &["monitor", "--bus", "--seconds", "1", "--json"],
     ] {
         let output = windlass(arguments);
         assert_eq!(output.status.code(), Some(0), "{output:?}");
@@ -389,7 +392,7 @@ fn long_drive() -> (std::process::Child, impl Iterator<Item = String>) {
     use std::io::BufRead;
     let mut child = Command::new(env!("CARGO_BIN_EXE_windlass"))
         .args([
-            "--bus",
+            "--transport",
             "sim",
             "run",
             "1",

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 fn windlass(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_windlass"));
-    command.args(arguments).env_remove("WINDLASS_BUS");
+    command.args(arguments).env_remove("WINDLASS_TRANSPORT");
     command
 }
 

@@ -226,3 +226,82 @@ impl Port for TcpPort {
         let _ = self.0.shutdown(Shutdown::Both);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use windlass_sim::{World, WorldConfig};
+
+    use super::*;
+
+    /// A client that takes some bytes and then reads nothing more.
+    struct Full {
+        room: usize,
+    }
+
+    impl Read for Full {
+        fn read(&mut self, _buffer: &mut [u8]) -> io::Result<usize> {
+            Err(ErrorKind::WouldBlock.into())
+        }
+    }
+
+    impl Write for Full {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let taken = bytes.len().min(self.room);
+            self.room -= taken;
+            if taken == 0 {
+                return Err(ErrorKind::WouldBlock.into());
+            }
+            Ok(taken)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Port for Full {
+        fn close(&mut self) {}
+    }
+
+    fn link(room: usize) -> Link {
+        let id = World::new(WorldConfig::default()).join("test");
+        Link::new("test".to_owned(), id, Box::new(Full { room }), false)
+    }
+
+    #[test]
+    fn a_client_that_does_not_read_is_overdue_after_five_seconds_of_waiting() {
+        let mut link = link(10);
+        link.deliver(&Frame::standard(0x123, [1, 2, 3]), Instant::ZERO);
+        assert!(link.flush(Instant::ZERO), "ten bytes were taken");
+        assert_eq!(link.backlog(), 2);
+        link.add_wait(LONGEST_WAIT - Duration::from_millis(1));
+        assert_eq!(link.overdue(), None);
+        link.add_wait(Duration::from_millis(1));
+        assert!(link.overdue().is_some());
+    }
+
+    #[test]
+    fn any_progress_starts_the_patience_anew() {
+        let mut link = link(0);
+        link.deliver(&Frame::standard(0x123, []), Instant::ZERO);
+        link.add_wait(LONGEST_WAIT);
+        link.port = Box::new(Full { room: 1 });
+        assert!(link.flush(Instant::ZERO));
+        assert_eq!(link.overdue(), None);
+    }
+
+    #[test]
+    fn a_client_is_overdue_when_too_much_waits_for_it() {
+        let mut link = link(0);
+        let frame = Frame::extended(1, [0; 8]);
+        let line = 27;
+        for _ in 0..LARGEST_BACKLOG / line {
+            link.deliver(&frame, Instant::ZERO);
+        }
+        assert_eq!(link.overdue(), None);
+        link.deliver(&frame, Instant::ZERO);
+        assert!(link.overdue().is_some());
+        link.close(Instant::ZERO);
+        assert_eq!((link.backlog(), link.overdue()), (0, None));
+    }
+}

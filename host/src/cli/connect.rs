@@ -16,7 +16,7 @@ const VIRTUAL_RUN: Duration = Duration::from_secs(5);
 impl Global {
     /// The bus that the user named.
     pub(super) fn transport(&self) -> Result<Transport, Failure> {
-        Ok(self.bus.parse()?)
+        Ok(self.transport.parse()?)
     }
 
     /// Opens the bus.

@@ -29,7 +29,7 @@ pub struct Arguments {
     pub seconds: Option<u64>,
 }
 
-/// Runs the demo. It has its own bus and does not use `--bus`.
+/// Runs the demo. It has its own bus and does not use `--transport`.
 ///
 /// # Errors
 /// The bench cannot be started, or its bus fails.
@@ -80,7 +80,7 @@ fn introduce(server: &Server) -> Result<(), Failure> {
     say!("others can join while it runs:")?;
     say!("  browser     http://{http}/")?;
     say!("  python-can  can.Bus(interface='slcan', channel='socket://{slcan}', bitrate=1000000)")?;
-    say!("  windlass    windlass monitor --bus tcp:{slcan}")?;
+    say!("  windlass    windlass monitor --transport tcp:{slcan}")?;
     say!("")
 }
 

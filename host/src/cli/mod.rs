@@ -44,12 +44,13 @@ pub struct Global {
     /// The bus: sim, slcan:DEVICE[@BITRATE], tcp:HOST:PORT or socketcan:INTERFACE.
     #[arg(
         long,
+        short,
         value_name = "TRANSPORT",
-        env = "WINDLASS_BUS",
+        env = "WINDLASS_TRANSPORT",
         default_value = "sim",
         global = true
     )]
-    pub bus: String,
+    pub transport: String,
     /// Print one JSON document, or one JSON line for each sample of a live verb.
     #[arg(long, global = true)]
     pub json: bool,

@@ -18,7 +18,7 @@ pub(super) struct Arguments {
     device: Option<Selector>,
     /// Show the load of the bus too, from counted bit times with stuff bits.
     #[arg(long)]
-    load: bool,
+    bus: bool,
     /// Watch this long [default: until Ctrl-C; 5 seconds on the sim transport].
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<Seconds>,
@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
             .device
             .and(found.first())
             .map(|device| device.address.number),
-        load: arguments.load.then_some(bit_rate),
+        load: arguments.bus.then_some(bit_rate),
         json: global.json,
         live: LiveLine::new(),
         traffic: client.traffic(),
