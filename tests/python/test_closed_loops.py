@@ -6,11 +6,15 @@ import dmc60c
 from dmc60c import fixed
 from windlass_bench import BenchTest
 
-# The gains of docs/tuning.md, which tells how they were found.
-VELOCITY_GAINS = {dmc60c.P_GAIN: fixed(0.25), dmc60c.I_GAIN: fixed(0.004),
-                  dmc60c.F_GAIN: fixed(0.841), dmc60c.I_ZONE: 140_000}
-POSITION_GAINS = {dmc60c.P_GAIN: fixed(1.5), dmc60c.D_GAIN: fixed(60),
-                  dmc60c.ALLOWABLE_ERROR: 2, dmc60c.FWD_NOMINAL: 440, dmc60c.REV_NOMINAL: -440}
+SLOT_1 = dmc60c.SLOT_1
+
+# The gains of docs/tuning.md: velocity in slot 0, position in slot 1.
+VELOCITY_GAINS = {dmc60c.F_GAIN: fixed(0.86), dmc60c.P_GAIN: fixed(0.25),
+                  dmc60c.I_GAIN: fixed(0.003), dmc60c.I_ZONE: 200_000, dmc60c.RAMP_RATE: 200}
+POSITION_GAINS = {dmc60c.P_GAIN + SLOT_1: fixed(2), dmc60c.D_GAIN + SLOT_1: fixed(130),
+                  dmc60c.ALLOWABLE_ERROR + SLOT_1: 2, dmc60c.RAMP_RATE + SLOT_1: 400,
+                  dmc60c.FWD_NOMINAL + SLOT_1: 600, dmc60c.REV_NOMINAL + SLOT_1: -600,
+                  dmc60c.FWD_MAX + SLOT_1: 12_000, dmc60c.REV_MAX + SLOT_1: -12_000}
 CURRENT_GAINS = {dmc60c.P_GAIN: fixed(20), dmc60c.I_GAIN: fixed(10)}
 
 
@@ -56,8 +60,8 @@ class Position(BenchTest):
         device.configure(POSITION_GAINS)
         for target in (4_096, -20_000, -19_900, 0):
             with self.subTest(target=target):
-                device.run(dmc60c.POSITION, target, 1_500_000)
-                trace = device.run(dmc60c.POSITION, target, 300_000)
+                device.run(dmc60c.POSITION, target, 1_500_000, slot=1)
+                trace = device.run(dmc60c.POSITION, target, 300_000, slot=1)
                 self.assertNear(self.bench.node()["position_counts"], target, 2)
                 self.assertNear(device.encoder(trace).position, target, 2)
                 self.assertNear(device.general(trace).error, 0, 2)

@@ -149,6 +149,23 @@ class BrakeAndCoast(BenchTest):
         device.run(dmc60c.VOLTAGE, 0, 20_000)
         self.assertEqual(self.neutral(), stored)
 
+    def test_the_button_changes_the_stored_setting(self):
+        device = self.one()
+        self.step(16_000_000)
+        self.bench.poke(0, press_button=True)
+        self.step(20_000)
+        self.assertEqual(self.neutral(), "coast")
+        device.run(dmc60c.VOLTAGE, 0, 20_000, brake=True)
+        self.assertEqual(self.neutral(), "brake", "the control frame wins while it lasts")
+        device.run(dmc60c.VOLTAGE, 0, 20_000)
+        self.assertEqual(self.neutral(), "coast")
+        self.bench.power_cycle(0)
+        self.step(500_000)
+        self.assertEqual(self.neutral(), "coast", "kept without power")
+        self.bench.poke(0, press_button=True)
+        self.step(20_000)
+        self.assertEqual(self.neutral(), "brake")
+
     def test_silence_clears_the_override(self):
         device = self.one()
         device.run(dmc60c.VOLTAGE, 5_000, 20_000, brake=False)

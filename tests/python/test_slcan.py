@@ -8,7 +8,7 @@ import can
 
 import dmc60c
 from dmc60c import Frame
-from windlass_bench import Bench, BenchTest, Client
+from windlass_bench import ApiError, Bench, BenchTest, Client
 
 ANSWER_SECONDS = 10
 
@@ -144,6 +144,16 @@ class Protocol(RawTest):
         self.assertRegex(self.raw().ask(b"V"), rb"^V")
 
 
+class Replies(RawTest):
+    ARGS = ("--slcan-replies",)
+
+    def test_accepted_frames_are_answered_when_asked_for(self):
+        raw = self.opened()
+        self.assertEqual(raw.ask(b"t1230"), b"z\r")
+        self.assertEqual(raw.ask(b"T123456780"), b"Z\r")
+        self.assertEqual(raw.ask(b"T12345678"), b"\x07")
+
+
 class Clients(BenchTest):
     NODES = ("dmc60c:0", "dmc60c:0")
 
@@ -225,6 +235,14 @@ class RealTime(unittest.TestCase):
             if message.arbitration_id == dmc60c.ENUM_RESPONSE | 3:
                 return
         self.fail("no enumeration answer among 1000 frames")
+
+
+    def test_it_can_not_be_stepped(self):
+        bench = Bench(paused=False)
+        self.addCleanup(bench.close)
+        with self.assertRaises(ApiError) as refusal:
+            bench.advance(1_000)
+        self.assertEqual(refusal.exception.status, 409)
 
 
 class Process(unittest.TestCase):

@@ -94,7 +94,7 @@ class Bench:
         self.endpoints = {}
         self.lines = []
         self._read_endpoints()
-        self._seen = -1
+        self._next = 0  # number of the first frame of the trace not yet read
         self.now = 0  # virtual time in µs, as counted from the steps that were asked for
 
     def _read_endpoints(self):
@@ -174,13 +174,11 @@ class Bench:
         """The frames that were on the bus since the last call."""
         found = []
         while True:
-            page = self.request("GET", f"/api/sim/trace?since={max(self._seen, 0)}&limit=5000")
-            entries = page if isinstance(page, list) else page["frames"]
-            fresh = [self._entry(entry) for entry in entries if entry["seq"] > self._seen]
-            if not fresh:
+            page = self.request("GET", f"/api/sim/trace?since={self._next}&limit=5000")
+            if not page:
                 return found
-            found += fresh
-            self._seen = fresh[-1].seq
+            found += [self._entry(entry) for entry in page]
+            self._next = found[-1].seq + 1
 
     @staticmethod
     def _entry(entry: dict) -> Seen:
