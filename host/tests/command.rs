@@ -155,7 +155,10 @@ fn an_empty_bus_ends_with_4() {
             std::io::copy(&mut stream, &mut std::io::sink()).unwrap();
         }
     });
-    let message = failure(&["--transport", &format!("tcp:127.0.0.1:{port}"), "scan"], 4);
+    let message = failure(
+        &["--transport", &format!("tcp:127.0.0.1:{port}"), "scan"],
+        4,
+    );
     assert!(message.contains("no device answered"), "{message}");
     server.join().unwrap();
 }
