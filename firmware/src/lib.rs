@@ -16,6 +16,7 @@
 extern crate std;
 
 pub mod control;
+pub mod exercise;
 pub mod latest;
 pub mod port;
 pub mod record;

@@ -11,15 +11,22 @@ use crate::toolchain::{Toolchain, in_path};
 /// The emulator's program.
 pub(crate) const QEMU: &str = "qemu-system-arm";
 
+/// Makes sure that the emulator is there.
+pub(crate) fn require() -> Result<(), Error> {
+    if in_path(QEMU) {
+        Ok(())
+    } else {
+        Err(Error::Missing {
+            program: QEMU,
+            hint: "apt-get install qemu-system-arm",
+        })
+    }
+}
+
 /// Builds the image of the emulated board and runs the Python tests against it. `names` are unittest
 /// names; none runs all.
 pub(crate) fn test(names: &[String]) -> Result<(), Error> {
-    if !in_path(QEMU) {
-        return Err(Error::Missing {
-            program: QEMU,
-            hint: "apt-get install qemu-system-arm",
-        });
-    }
+    require()?;
     let toolchain = Toolchain::find()?;
     let elf = build(&toolchain, &board::find("qemu")?, APPLICATION)?;
     let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());

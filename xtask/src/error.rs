@@ -70,6 +70,12 @@ pub(crate) enum Error {
         /// What is wrong.
         what: String,
     },
+    /// Two machines disagree.
+    #[error(
+        "the fingerprints differ from the first line on that does not match: the engine is not \
+         bit-exact; look for floats, usize arithmetic or undefined order in core/src/engine"
+    )]
+    Differs,
     /// An image is too large.
     #[error(
         "the image does not fit its region: {what}; make it smaller or choose another board \

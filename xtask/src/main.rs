@@ -5,7 +5,9 @@ mod emulator;
 mod error;
 mod firmware;
 mod image;
+mod measure;
 mod toolchain;
+mod trace;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,6 +29,10 @@ enum Command {
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
     },
+    /// Counts the instructions of the core's hot paths in QEMU
+    Measure,
+    /// Compares a million ticks of the engine here with those on an emulated Cortex-M4
+    Trace,
     /// Runs the firmware in QEMU and drives it with python-can
     QemuTest {
         /// Tests to run, as unittest names them; all by default
@@ -37,6 +43,8 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Firmware { board } => firmware::run(&board),
+        Command::Measure => measure::run(),
+        Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };
     match outcome {

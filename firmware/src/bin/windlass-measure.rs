@@ -1,0 +1,189 @@
+//! Calls the core's hot paths for `cargo xtask measure`, which counts their instructions in QEMU.
+//!
+//! Every function that is watched stands behind a name of its own that is not inlined; what it calls is
+//! inlined into it as the compiler sees fit, as in the application.
+#![cfg_attr(target_os = "none", no_std)]
+#![cfg_attr(target_os = "none", no_main)]
+
+use core::hint::black_box;
+
+use cortex_m_semihosting::debug;
+use windlass_core::dialect::dmc60c::wire::id;
+use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
+use windlass_core::dialect::{Decoded, Dialect, View};
+use windlass_core::engine::command::Command;
+use windlass_core::engine::pidf::{Gains, Pidf, Unit};
+use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
+use windlass_core::engine::{Engine, Settings};
+use windlass_core::frame::Frame;
+use windlass_core::node::{Node, NodeConfig};
+use windlass_core::params::{Params, Stored};
+use windlass_core::time::{Instant, TICK};
+use windlass_firmware::exercise::Exercise;
+
+const TICKS: u32 = 100_000;
+const CALLS: u32 = 1000;
+const NUMBER: u8 = 5;
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_pidf(law: &mut Pidf, gains: &Gains, target: i32, error: i32, unit: Unit) -> i32 {
+    law.step(gains, target, error, unit)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_tick(
+    engine: &mut Engine,
+    settings: &Settings,
+    sample: &Sample,
+    command: &Command,
+) -> (Actuation, Snapshot) {
+    engine.tick(settings, sample, command)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_control_decode(dialect: &mut Dmc60c, frame: &Frame) -> Option<Decoded> {
+    dialect
+        .accepts(NUMBER, frame.id())
+        .then(|| dialect.decode(NUMBER, frame))
+}
+
+// A section of its own, or the linker would fold it into its twin above.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_foreign_decode")]
+#[inline(never)]
+fn measured_foreign_decode(dialect: &mut Dmc60c, frame: &Frame) -> Option<Decoded> {
+    dialect
+        .accepts(NUMBER, frame.id())
+        .then(|| dialect.decode(NUMBER, frame))
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_status_encode(view: &View<'_>) -> Frame {
+    status_general(view).emit(NUMBER)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_node_control(node: &mut Node, now: Instant, frame: &Frame, snapshot: &Snapshot) {
+    node.on_frame(now, frame, snapshot);
+}
+
+// A section of its own, or the linker would fold it into its twin above.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_node_foreign")]
+#[inline(never)]
+fn measured_node_foreign(node: &mut Node, now: Instant, frame: &Frame, snapshot: &Snapshot) {
+    node.on_frame(now, frame, snapshot);
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_node_idle(node: &mut Node, now: Instant, snapshot: &Snapshot) -> bool {
+    node.poll(now, snapshot);
+    node.poll_tx(now, snapshot).is_some()
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let snapshot = engine();
+    law();
+    dialect(&snapshot);
+    node(&snapshot);
+    debug::exit(debug::EXIT_SUCCESS);
+    loop {}
+}
+
+/// Ticks over every mode and flag.
+#[inline(never)]
+fn engine() -> Snapshot {
+    let mut engine = Engine::new();
+    let mut exercise = Exercise::new(1);
+    let mut snapshot = Snapshot::default();
+    for _ in 0..TICKS {
+        exercise.advance(snapshot.actuation);
+        let result = measured_tick(
+            &mut engine,
+            &exercise.settings,
+            &exercise.sample,
+            &exercise.command,
+        );
+        snapshot = result.1;
+    }
+    snapshot
+}
+
+/// The law with every gain, inside and outside its dead band and its accumulator's limit.
+#[inline(never)]
+fn law() {
+    let gains = Gains {
+        p: 3 << 16,
+        i: 1 << 8,
+        d: 5 << 16,
+        f: 1 << 15,
+        accumulator_limit: 5000,
+        allowable_error: 4,
+    };
+    let mut law = Pidf::new();
+    for at in 0..CALLS as i32 {
+        let error = (at * 7919) % 400 - 200;
+        let unit = if at % 2 == 0 {
+            Unit::Count
+        } else {
+            Unit::Fixed
+        };
+        black_box(measured_pidf(&mut law, &gains, at << 18, error, unit));
+    }
+}
+
+fn control(at: u32) -> Frame {
+    let [low, middle, ..] = at.to_le_bytes();
+    // Modes 0 to 7 with all flags; the followed controller's number comes from the target.
+    let flags = (at % 8) as u8 | (at as u8) << 4;
+    Frame::extended(
+        id::CONTROL_0 | u32::from(NUMBER),
+        [flags, low, 0, 0, low, middle, 1, 0],
+    )
+}
+
+/// An identifier of another manufacturer, another message, another device.
+fn foreign(at: u32) -> Frame {
+    let raw = [0x0204_0000, 0x0206_1C00, id::CONTROL_0 | 6][at as usize % 3];
+    Frame::extended(raw, [0; 8])
+}
+
+#[inline(never)]
+fn dialect(snapshot: &Snapshot) {
+    let mut dialect = Dmc60c::default();
+    let params = Params::default();
+    let view = View {
+        number: NUMBER,
+        params: &params,
+        snapshot,
+    };
+    for at in 0..CALLS {
+        black_box(measured_control_decode(&mut dialect, &control(at)));
+        black_box(measured_foreign_decode(&mut dialect, &foreign(at)));
+        black_box(measured_status_encode(&view));
+    }
+}
+
+#[inline(never)]
+fn node(snapshot: &Snapshot) {
+    let stored = Stored {
+        number: NUMBER,
+        ..Stored::default()
+    };
+    let mut now = Instant::ZERO;
+    let mut node = Node::new(now, &NodeConfig::dmc60c(1), Some(&stored));
+    node.on_frame(now, &foreign(0), snapshot);
+    for at in 0..CALLS {
+        now = now + TICK;
+        measured_node_control(&mut node, now, &control(at), snapshot);
+        measured_node_foreign(&mut node, now, &foreign(at), snapshot);
+        black_box(measured_node_idle(&mut node, now, snapshot));
+    }
+}

@@ -1,0 +1,208 @@
+//! `cargo xtask measure`: instructions of the core's hot paths on an emulated Cortex-M4.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::board;
+use crate::emulator::{self, QEMU};
+use crate::error::Error;
+use crate::firmware::{build, checked};
+use crate::image::Image;
+use crate::toolchain::Toolchain;
+
+/// The program that calls what is measured.
+const PROGRAM: &str = "windlass-measure";
+
+/// Something that is measured: its function's symbol, what it is, and its budget for mean and worst.
+struct Subject {
+    symbol: &'static str,
+    about: &'static str,
+    budget: Option<(u64, u64)>,
+    yardstick: &'static str,
+}
+
+const SUBJECTS: [Subject; 8] = [
+    Subject {
+        symbol: "measured_pidf",
+        about: "one PIDF step, all gains",
+        budget: Some((50, 50)),
+        yardstick: "CMSIS-DSP arm_pid_q31 20, moteus 84, VESC 108-129",
+    },
+    Subject {
+        symbol: "measured_tick",
+        about: "one tick, every mode and flag",
+        budget: Some((180, 250)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_control_decode",
+        about: "control frame, accept and decode",
+        budget: Some((40, 40)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_status_encode",
+        about: "general status, encode",
+        budget: Some((40, 40)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_foreign_decode",
+        about: "foreign frame, refused by the dialect",
+        budget: Some((12, 12)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_node_control",
+        about: "control frame, whole node",
+        budget: None,
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_node_foreign",
+        about: "foreign frame, whole node",
+        budget: None,
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_node_idle",
+        about: "thread mode once a tick, whole node",
+        budget: None,
+        yardstick: "",
+    },
+];
+
+/// One line of the plugin's output.
+#[derive(Debug, PartialEq)]
+struct Count {
+    name: String,
+    calls: u64,
+    least: u64,
+    mean: f64,
+    most: u64,
+}
+
+/// Builds, runs and prints.
+pub(crate) fn run() -> Result<(), Error> {
+    emulator::require()?;
+    let toolchain = Toolchain::find()?;
+    let elf = build(&toolchain, &board::find("qemu")?, PROGRAM)?;
+    let image = Image::read(&elf)?;
+    let plugin = build_plugin()?;
+    let counts = plugin.with_extension("txt");
+    let mut argument = format!("{},out={}", plugin.display(), counts.display());
+    for subject in &SUBJECTS {
+        let address = image.symbol(subject.symbol)?;
+        argument.push_str(&format!(",watch={}:{address:#x}", subject.symbol));
+    }
+    let mut qemu = Command::new(QEMU);
+    qemu.args([
+        "-M",
+        "netduinoplus2",
+        "-display",
+        "none",
+        "-monitor",
+        "none",
+    ])
+    .args([
+        "-serial",
+        "none",
+        "-semihosting-config",
+        "enable=on,target=native",
+    ])
+    .arg("-kernel")
+    .arg(&elf)
+    .arg("-plugin")
+    .arg(argument);
+    checked(QEMU, &mut qemu, "apt-get install qemu-system-arm")?;
+    let text = fs::read_to_string(&counts).map_err(|cause| Error::File {
+        path: counts.clone(),
+        cause,
+    })?;
+    let counts: Vec<Count> = text.lines().filter_map(parse).collect();
+    println!("instructions on a Cortex-M4, profile `firmware`, {toolchain}\n");
+    println!(
+        "{:<38} {:>7} {:>5} {:>8} {:>5}  budget",
+        "", "calls", "least", "mean", "most"
+    );
+    for subject in &SUBJECTS {
+        let count = counts.iter().find(|count| count.name == subject.symbol);
+        let Some(count) = count.filter(|count| count.calls > 0) else {
+            return Err(Error::Image {
+                path: elf,
+                what: format!("{} was never called", subject.symbol),
+            });
+        };
+        println!("{}", line(subject, count));
+    }
+    Ok(())
+}
+
+fn line(subject: &Subject, count: &Count) -> String {
+    let budget = match subject.budget {
+        None => String::new(),
+        Some((mean, most)) => {
+            let kept = count.mean <= mean as f64 && count.most <= most;
+            let verdict = if kept { "kept" } else { "exceeded" };
+            format!("{mean}/{most} {verdict} {}", subject.yardstick)
+        }
+    };
+    let text = format!(
+        "{:<38} {:>7} {:>5} {:>8.1} {:>5}  {budget}",
+        subject.about, count.calls, count.least, count.mean, count.most
+    );
+    text.trim_end().to_owned()
+}
+
+fn parse(line: &str) -> Option<Count> {
+    let mut words = line.split(' ');
+    Some(Count {
+        name: words.next()?.to_owned(),
+        calls: words.next()?.parse().ok()?,
+        least: words.next()?.parse().ok()?,
+        mean: words.next()?.parse().ok()?,
+        most: words.next()?.parse().ok()?,
+    })
+}
+
+/// Compiles the counting plugin.
+fn build_plugin() -> Result<PathBuf, Error> {
+    let folder = crate::root().join("target/firmware");
+    let plugin = folder.join("count.so");
+    let mut compiler = Command::new("cc");
+    compiler
+        .args([
+            "-O2",
+            "-Wall",
+            "-Wextra",
+            "-shared",
+            "-fPIC",
+            "-fvisibility=hidden",
+            "-o",
+        ])
+        .arg(&plugin)
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("plugin/count.c"));
+    checked(
+        "cc",
+        &mut compiler,
+        "install a C compiler: apt-get install gcc libc6-dev",
+    )?;
+    Ok(plugin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_the_plugin_is_read() {
+        let count = parse("measured_tick 100 90 120.50 200 7").expect("a count");
+        assert_eq!((count.calls, count.least, count.most), (100, 90, 200));
+        let subject = &SUBJECTS[1];
+        assert!(line(subject, &count).contains("180/250 kept"));
+        let slow = Count { most: 251, ..count };
+        assert!(line(subject, &slow).contains("exceeded"));
+        assert_eq!(parse("measured_tick 100"), None);
+    }
+}
