@@ -43,6 +43,7 @@ mod load;
 mod node;
 mod pins;
 mod plant;
+mod poke;
 mod random;
 #[cfg(feature = "std")]
 mod replay;
@@ -65,14 +66,15 @@ pub use controller::ErrorState;
 #[cfg(feature = "std")]
 pub use node::SimNode;
 pub use plant::{Battery, Bridge, COUNTS_PER_REVOLUTION, DataSheet, FrontEnd, Motor, PlantConfig};
+pub use poke::Poke;
 #[cfg(feature = "std")]
 pub use replay::{TickRecord, replay};
-pub use rig::{Rig, RigPoke};
+pub use rig::Rig;
 #[cfg(feature = "std")]
 pub use spec::{NodeSpec, NodeSpecError, WorldConfig};
 #[cfg(feature = "std")]
 pub use trace::{Source, TRACE_CAPACITY, TraceEntry};
 #[cfg(feature = "std")]
-pub use truth::{Poke, Truth};
+pub use truth::Truth;
 #[cfg(feature = "std")]
 pub use world::{BusStatistics, ParticipantId, ParticipantStatistics, Received, World};

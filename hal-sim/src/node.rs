@@ -1,7 +1,7 @@
 //! One simulated controller: the real core on a virtual board.
 
 use windlass_core::engine::Engine;
-use windlass_core::engine::snapshot::{Actuation, Pins, Pulse, Sample, Snapshot};
+use windlass_core::engine::snapshot::{Actuation, Snapshot};
 use windlass_core::frame::Frame;
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
@@ -11,10 +11,10 @@ use windlass_core::time::Instant;
 
 use crate::bus::Station;
 use crate::controller::{Controller, ErrorState};
-use crate::pins::Header;
-use crate::plant::{Plant, PlantConfig};
+use crate::plant::PlantConfig;
 use crate::random::Random;
 use crate::replay::{ActuationHash, TickRecord};
+use crate::rig::Rig;
 use crate::spec::NodeSpec;
 
 mod observe;
@@ -22,8 +22,6 @@ mod poke;
 
 /// Ticks from power-on or restart to the first tick of the image: 5 ms.
 const BOOT_TICKS: u32 = 10;
-/// Ticks between RC-PWM pulses: 20 ms, the frame of a servo signal.
-const PULSE_TICKS: u32 = 40;
 
 /// What the board is doing.
 #[derive(Debug)]
@@ -66,12 +64,7 @@ pub struct SimNode {
     fresh: bool,
     snapshot: Snapshot,
     actuation: Actuation,
-    plant: Plant,
-    header: Header,
-    gate_driver_fault: bool,
-    pulse_width: Option<u16>,
-    pulse: Pulse,
-    pulse_ticks: u32,
+    rig: Rig,
     image: ImageType,
     stored: Stored,
     flash_writes: u32,
@@ -110,12 +103,7 @@ impl SimNode {
             fresh: true,
             snapshot: Snapshot::default(),
             actuation: Actuation::Off,
-            plant: Plant::new(plant, Random::new(seed, stream)),
-            header: Header::default(),
-            gate_driver_fault: false,
-            pulse_width: None,
-            pulse: Pulse::default(),
-            pulse_ticks: 0,
+            rig: Rig::with_noise(plant, Random::new(seed, stream)),
             image: ImageType::Application,
             stored,
             flash_writes: 0,
@@ -198,7 +186,7 @@ impl SimNode {
     /// One control tick: the plant moves on to `now` with the last actuation, then the board acts.
     pub(crate) fn tick(&mut self, now: Instant) {
         self.now = now;
-        self.plant.advance(self.actuation);
+        self.rig.advance(self.actuation);
         match &mut self.power {
             Power::Off => {}
             Power::Booting { ticks, handover } => {
@@ -214,7 +202,7 @@ impl SimNode {
 
     fn run(&mut self, now: Instant) {
         // The bootloader has no control loop: its bridge stays off.
-        let sample = (self.image == ImageType::Application).then(|| self.sample());
+        let sample = (self.image == ImageType::Application).then(|| self.rig.sample());
         let Power::On(node) = &mut self.power else {
             return;
         };
@@ -234,39 +222,6 @@ impl SimNode {
         }
         node.poll(now, &self.snapshot);
         self.act();
-    }
-
-    /// Everything the board measures now.
-    fn sample(&mut self) -> Sample {
-        if let Some(width_us) = self.pulse_width {
-            self.pulse_ticks += 1;
-            if self.pulse_ticks >= PULSE_TICKS {
-                self.pulse_ticks = 0;
-                self.pulse.width_us = width_us;
-                self.pulse.count = self.pulse.count.wrapping_add(1);
-            }
-        }
-        let conversions = self.plant.convert();
-        let (encoder_a, encoder_b) = self.plant.encoder.channels();
-        let (index_rising, index_falling) = self.plant.index_captures();
-        Sample {
-            encoder: self.plant.encoder.counter(),
-            pins: Pins {
-                forward_limit: !self.header.forward_closed,
-                reverse_limit: !self.header.reverse_closed,
-                encoder_a,
-                encoder_b,
-                encoder_index: self.plant.encoder.index(),
-                gate_driver_fault: self.gate_driver_fault || self.plant.trips_gate_driver(),
-            },
-            index_rising,
-            index_falling,
-            current: conversions.current,
-            bus_voltage: conversions.bus_voltage,
-            temperature: conversions.temperature,
-            analog_in: conversions.analog_in,
-            pulse: self.pulse,
-        }
     }
 
     /// Does what the node asks of its board.
@@ -290,7 +245,7 @@ impl SimNode {
                 self.flash_writes += 1;
                 node.saved();
             }
-            Action::PinTest(test) => node.pin_test_done(self.header.test(test)),
+            Action::PinTest(test) => node.pin_test_done(self.rig.test_pins(test)),
             Action::Reset(handover) => self.halt(Power::Booting {
                 ticks: BOOT_TICKS,
                 handover: Some(handover),

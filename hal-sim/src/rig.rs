@@ -1,51 +1,42 @@
-//! One plant with its switches, without bus or node: what a controller needs around it to run alone.
+//! One plant with its switches, without bus or node: what a controller needs around it to run.
 
 use windlass_core::engine::snapshot::{Actuation, Pins, Pulse, Sample};
 use windlass_core::management::vendor::{PinTest, TestPin};
 
 use crate::pins::Header;
 use crate::plant::{Plant, PlantConfig};
+use crate::poke::Poke;
 use crate::random::Random;
 
-/// One interference with a [`Rig`]. It acts at once and shows in the next sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum RigPoke {
-    /// Closes the forward limit switch: its pin is low.
-    ForwardLimitClosed(bool),
-    /// Closes the reverse limit switch: its pin is low.
-    ReverseLimitClosed(bool),
-    /// Sets the battery's open-circuit voltage; `None` lets it follow the state of charge.
-    BatteryVolts(Option<f64>),
-    /// Holds the case at this temperature in °C; `None` lets it relax from there.
-    TemperatureCelsius(Option<f64>),
-    /// Torque on the shaft in N·m, positive against forward rotation.
-    LoadNewtonMetres(f64),
-    /// Locks the shaft.
-    Stall(bool),
-    /// Pulls the encoder's cable.
-    EncoderUnplugged(bool),
-    /// Connects the motor terminals with each other.
-    ShortCircuit(bool),
-    /// Holds the gate driver's fault output active.
-    GateDriverFault(bool),
-}
+/// Ticks between RC-PWM pulses: 20 ms, the frame of a servo signal.
+const PULSE_TICKS: u32 = 40;
 
 /// The plant of one controller.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    plant: Plant,
-    header: Header,
+    pub(crate) plant: Plant,
+    pub(crate) header: Header,
     gate_driver_fault: bool,
+    pulse_width: Option<u16>,
+    pulse: Pulse,
+    pulse_ticks: u32,
 }
 
 impl Rig {
     /// A motor at rest on a full battery. The noise of its sensors depends on `seed` only.
     #[must_use]
     pub fn new(config: &PlantConfig, seed: u64) -> Self {
+        Self::with_noise(config, Random::new(seed, 0))
+    }
+
+    pub(crate) fn with_noise(config: &PlantConfig, noise: Random) -> Self {
         Self {
-            plant: Plant::new(config, Random::new(seed, 0)),
+            plant: Plant::new(config, noise),
             header: Header::default(),
             gate_driver_fault: false,
+            pulse_width: None,
+            pulse: Pulse::default(),
+            pulse_ticks: 0,
         }
     }
 
@@ -56,6 +47,14 @@ impl Rig {
 
     /// Everything that the controller measures now; every call draws new noise.
     pub fn sample(&mut self) -> Sample {
+        if let Some(width_us) = self.pulse_width {
+            self.pulse_ticks += 1;
+            if self.pulse_ticks >= PULSE_TICKS {
+                self.pulse_ticks = 0;
+                self.pulse.width_us = width_us;
+                self.pulse.count = self.pulse.count.wrapping_add(1);
+            }
+        }
         let conversions = self.plant.convert();
         let (encoder_a, encoder_b) = self.plant.encoder.channels();
         let (index_rising, index_falling) = self.plant.index_captures();
@@ -75,23 +74,45 @@ impl Rig {
             bus_voltage: conversions.bus_voltage,
             temperature: conversions.temperature,
             analog_in: conversions.analog_in,
-            pulse: Pulse::default(),
+            pulse: self.pulse,
         }
     }
 
-    /// Interferes.
-    pub fn poke(&mut self, poke: RigPoke) {
-        match poke {
-            RigPoke::ForwardLimitClosed(closed) => self.header.forward_closed = closed,
-            RigPoke::ReverseLimitClosed(closed) => self.header.reverse_closed = closed,
-            RigPoke::BatteryVolts(volts) => self.plant.force_battery(volts),
-            RigPoke::TemperatureCelsius(celsius) => self.plant.force_temperature(celsius),
-            RigPoke::LoadNewtonMetres(torque) => self.plant.set_load(torque),
-            RigPoke::Stall(locked) => self.plant.set_stall(locked),
-            RigPoke::EncoderUnplugged(unplugged) => self.plant.encoder.set_unplugged(unplugged),
-            RigPoke::ShortCircuit(short) => self.plant.set_short_circuit(short),
-            RigPoke::GateDriverFault(active) => self.gate_driver_fault = active,
+    /// Interferes; false if the poke is not for the plant and its switches, or makes no sense.
+    pub fn poke(&mut self, poke: Poke) -> bool {
+        if !poke.is_sound() {
+            return false;
         }
+        match poke {
+            Poke::ForwardLimitClosed(closed) => self.header.forward_closed = closed,
+            Poke::ReverseLimitClosed(closed) => self.header.reverse_closed = closed,
+            Poke::IndexPin(level) => {
+                self.plant.encoder.force_index(level);
+                self.header.index_held = self.plant.encoder.forced_index().is_some();
+            }
+            Poke::AnalogVolts(volts) => {
+                self.plant.force_analog(volts);
+                self.header.analog_held = self.plant.forced_analog().is_some();
+            }
+            Poke::BatteryVolts(volts) => self.plant.force_battery(volts),
+            Poke::TemperatureCelsius(celsius) => self.plant.force_temperature(celsius),
+            Poke::LoadNewtonMetres(torque) => self.plant.set_load(torque),
+            Poke::Stall(locked) => self.plant.set_stall(locked),
+            Poke::EncoderUnplugged(unplugged) => self.plant.encoder.set_unplugged(unplugged),
+            Poke::ShortCircuit(short) => self.plant.set_short_circuit(short),
+            Poke::GateDriverFault(active) => self.gate_driver_fault = active,
+            Poke::J1Loopback(plugged) => self.header.loopback = plugged,
+            Poke::PulseWidthUs(width) => self.pulse_width = width,
+            Poke::BusConnected(_) | Poke::Powered(_) | Poke::Button => return false,
+        }
+        true
+    }
+
+    /// The controller has lost its power: its counters start again from zero, the shaft goes on.
+    #[cfg(feature = "std")]
+    pub(crate) fn restart_counters(&mut self) {
+        self.plant.encoder.restart_counter();
+        self.pulse = Pulse::default();
     }
 
     /// The pin of the expansion header that fails a test, if one does.
@@ -109,8 +130,8 @@ mod tests {
     #[test]
     fn the_motor_turns_and_the_switches_reach_the_sample() {
         let mut rig = Rig::new(&PlantConfig::default(), 1);
-        rig.poke(RigPoke::ForwardLimitClosed(true));
-        rig.poke(RigPoke::GateDriverFault(true));
+        rig.poke(Poke::ForwardLimitClosed(true));
+        rig.poke(Poke::GateDriverFault(true));
         for _ in 0..200 {
             rig.advance(Actuation::Drive(Duty::new(8000)));
         }

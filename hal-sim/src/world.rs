@@ -10,11 +10,11 @@ use crate::bus::{Bus, Disturbance, Outcome, Station};
 use crate::controller::ErrorState;
 use crate::node::SimNode;
 use crate::plant::PlantConfig;
+use crate::poke::Poke;
 use crate::random::Random;
 use crate::spec::{NodeSpec, WorldConfig};
 use crate::ticker::Ticker;
 use crate::trace::{Source, Trace, TraceEntry, Traced};
-use crate::truth::Poke;
 
 /// Frames that a CAN tool may leave unread before the oldest are dropped.
 const INBOX_CAPACITY: usize = 65_536;

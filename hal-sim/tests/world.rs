@@ -111,7 +111,10 @@ fn two_nodes_of_one_number_are_told_apart_and_renumbered() {
     let sessions = [0, 1].map(|index| bench.truth(index).session.unwrap());
     assert_ne!(sessions[0], sessions[1]);
     let code = bench.command((0, sessions[1]), Command::SetDeviceNumber, 9);
-    assert_eq!(CommandCode::from_code(code), Some(CommandCode::NoError));
+    assert_eq!(
+        CommandCode::from_code(code as u8),
+        Some(CommandCode::NoError)
+    );
     assert_eq!((bench.truth(0).number, bench.truth(1).number), (0, 9));
     assert_eq!(bench.truth(1).flash_writes, 1);
 }
@@ -181,13 +184,13 @@ fn a_soft_reset_keeps_the_session_and_acknowledges() {
     let node = bench.enumerate()[0];
     let code = bench.command(node, Command::SoftReset, 0);
     assert_eq!(
-        CommandCode::from_code(code),
+        CommandCode::from_code(code as u8),
         Some(CommandCode::AcknowledgeReset)
     );
     assert_eq!(bench.truth(0).session, Some(node.1));
     let code = bench.command(node, Command::EnterBootloader, 0);
     assert_eq!(
-        CommandCode::from_code(code),
+        CommandCode::from_code(code as u8),
         Some(CommandCode::InBootloader)
     );
     assert_eq!(bench.truth(0).mode, ImageType::Bootloader);

@@ -6,7 +6,17 @@ use windlass_sim::Poke;
 use windlass_tests::{Bench, control, fixed};
 
 const DEVICE: u8 = 5;
-const VELOCITY_GAINS: [(u8, f64); 3] = [(10, 0.4), (11, 0.0002), (14, 0.86)];
+const VELOCITY_GAINS: [(u8, f64); 3] = [(10, 0.25), (11, 0.003), (14, 0.86)];
+const VELOCITY_LIMITS: [(u8, u32); 2] = [(13, 200_000), (16, 200)];
+const POSITION_GAINS: [(u8, f64); 2] = [(21, 2.0), (23, 130.0)];
+const POSITION_LIMITS: [(u8, u32); 6] = [
+    (26, 2),
+    (27, 400),
+    (28, 12_000),
+    (29, -12_000_i32 as u32),
+    (30, 600),
+    (31, -600_i32 as u32),
+];
 
 fn set_fixed(bench: &mut Bench, gains: &[(u8, f64)]) {
     let values: Vec<_> = gains.iter().map(|(id, gain)| (*id, fixed(*gain))).collect();
@@ -40,6 +50,7 @@ fn velocity_steps_settle_within_3_percent_in_under_500_ms() {
     for target in [5_000, 20_000, 30_000, -10_000] {
         let mut bench = Bench::new(&[DEVICE]);
         set_fixed(&mut bench, &VELOCITY_GAINS);
+        bench.set(DEVICE, &VELOCITY_LIMITS);
         let frame = control(ModeSelect::Velocity, target);
         let seen = follow_target(&mut bench, &frame, 150, |b| {
             b.truth(0).velocity_counts_per_100ms
@@ -54,9 +65,12 @@ fn velocity_steps_settle_within_3_percent_in_under_500_ms() {
 fn position_moves_end_within_2_counts() {
     for target in [4_096, 40_960, -8_192, 100] {
         let mut bench = Bench::new(&[DEVICE]);
-        set_fixed(&mut bench, &[(10, 20.0), (12, 1_000.0)]);
-        bench.set(DEVICE, &[(15, 2), (19, 700), (20, -700_i32 as u32)]);
-        let frame = control(ModeSelect::Position, target);
+        set_fixed(&mut bench, &POSITION_GAINS);
+        bench.set(DEVICE, &POSITION_LIMITS);
+        let frame = Control0 {
+            slot_1: true,
+            ..control(ModeSelect::Position, target)
+        };
         let seen = follow_target(&mut bench, &frame, 200, |b| {
             b.truth(0).position_counts as f64
         });

@@ -29,9 +29,9 @@ const DATA_OUT_CAPACITY: usize = crate::params::store::TEXT_CAPACITY + 1;
 /// Capacity for bulk data to the host: all six descriptors with identifier and length each.
 const DATA_IN_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
 
-/// Parameter answers that may wait for the bus at one time; a host that sends more than this without
-/// waiting for answers loses some.
-const ANSWER_CAPACITY: usize = 8;
+/// Parameter answers that may wait for the bus at one time. Requests have the higher priority on the bus, so
+/// a host that asks for every parameter in one burst gets its first answer after its last question.
+const ANSWER_CAPACITY: usize = 64;
 
 /// Attempts for the first enumeration answer. A destroyed one most likely met the answer of a controller
 /// with the same number and the same delay; sending it again at once would only repeat that, so it is

@@ -98,109 +98,76 @@ pub enum PinTest {
     Open,
 }
 
-/// A pin of J1 that failed a test (`terc…`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TestPin {
-    /// AIN1.
-    AnalogIn = 1,
-    /// FWDLIM.
-    ForwardLimit = 2,
-    /// REVLIM.
-    ReverseLimit = 3,
-    /// QEA.
-    EncoderA = 4,
-    /// QEB.
-    EncoderB = 5,
-    /// QEIDX.
-    EncoderIndex = 6,
+/// Declares an enum of codes with the name that each has in the guide, in the order of the codes.
+macro_rules! named_codes {
+    (
+        $(#[$enum_doc:meta])*
+        pub enum $name:ident { $( $(#[$doc:meta])* $variant:ident = $code:literal, $text:literal; )* }
+    ) => {
+        $(#[$enum_doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name { $( $(#[$doc])* $variant = $code, )* }
+
+        impl $name {
+            /// Every value with its name, in the order of the codes.
+            pub const TABLE: &[(Self, &'static str)] = &[ $( (Self::$variant, $text), )* ];
+
+            /// The value of a code; `None` if the guide does not define it.
+            #[must_use]
+            pub fn from_code(code: u8) -> Option<Self> {
+                Self::TABLE.iter().map(|row| row.0).find(|entry| *entry as u8 == code)
+            }
+
+            /// The value's name.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $( Self::$variant => $text, )* }
+            }
+        }
+    };
 }
 
-impl TestPin {
-    /// Every pin with its name on the header, in the order of the codes.
-    pub const TABLE: [(Self, &'static str); 6] = [
-        (Self::AnalogIn, "AIN1"),
-        (Self::ForwardLimit, "FWDLIM"),
-        (Self::ReverseLimit, "REVLIM"),
-        (Self::EncoderA, "QEA"),
-        (Self::EncoderB, "QEB"),
-        (Self::EncoderIndex, "QEIDX"),
-    ];
-
-    /// The pin of a test error code; `None` for 0 (no error) and unknown codes.
-    #[must_use]
-    pub fn from_code(code: u8) -> Option<Self> {
-        Self::TABLE
-            .iter()
-            .map(|row| row.0)
-            .find(|pin| *pin as u8 == code)
-    }
-
-    /// The pin's name on the header.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::TABLE
-            .iter()
-            .find(|row| row.0 == self)
-            .map_or("", |row| row.1)
+named_codes! {
+    /// A pin of J1 that failed a test (`terc…`), named as on the header.
+    pub enum TestPin {
+        /// AIN1.
+        AnalogIn = 1, "AIN1";
+        /// FWDLIM.
+        ForwardLimit = 2, "FWDLIM";
+        /// REVLIM.
+        ReverseLimit = 3, "REVLIM";
+        /// QEA.
+        EncoderA = 4, "QEA";
+        /// QEB.
+        EncoderB = 5, "QEB";
+        /// QEIDX.
+        EncoderIndex = 6, "QEIDX";
     }
 }
 
-/// Result codes of a vendor command (`cerc…`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommandCode {
-    /// `cercNoError`.
-    NoError = 0,
-    /// `cercNotSupported`.
-    NotSupported = 1,
-    /// `cercBadParameter`.
-    BadParameter = 2,
-    /// `cercDataRcvMore`.
-    DataReceivedMore = 3,
-    /// `cercInBootloader`.
-    InBootloader = 4,
-    /// `cercCrcMismatch`.
-    CrcMismatch = 5,
-    /// `cercFlashWriteFailed`.
-    FlashWriteFailed = 6,
-    /// `cercAckReset`.
-    AcknowledgeReset = 7,
-    /// `cercTestPassed`.
-    TestPassed = 8,
-    /// `cercTestFailed`.
-    TestFailed = 9,
-}
-
-impl CommandCode {
-    /// Every code with its name in the guide, in the order of the codes.
-    pub const TABLE: [(Self, &'static str); 10] = [
-        (Self::NoError, "cercNoError"),
-        (Self::NotSupported, "cercNotSupported"),
-        (Self::BadParameter, "cercBadParameter"),
-        (Self::DataReceivedMore, "cercDataRcvMore"),
-        (Self::InBootloader, "cercInBootloader"),
-        (Self::CrcMismatch, "cercCrcMismatch"),
-        (Self::FlashWriteFailed, "cercFlashWriteFailed"),
-        (Self::AcknowledgeReset, "cercAckReset"),
-        (Self::TestPassed, "cercTestPassed"),
-        (Self::TestFailed, "cercTestFailed"),
-    ];
-
-    /// The code in the low byte of `cerc`; `None` if the guide does not define it.
-    #[must_use]
-    pub fn from_code(code: u16) -> Option<Self> {
-        Self::TABLE
-            .iter()
-            .map(|row| row.0)
-            .find(|entry| *entry as u16 == code & 0xFF)
-    }
-
-    /// The code's name in the guide.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::TABLE
-            .iter()
-            .find(|row| row.0 == self)
-            .map_or("", |row| row.1)
+named_codes! {
+    /// Result codes of a vendor command: the low byte of `cerc`.
+    pub enum CommandCode {
+        /// Done.
+        NoError = 0, "cercNoError";
+        /// The running image does not know the command.
+        NotSupported = 1, "cercNotSupported";
+        /// A parameter is not allowed.
+        BadParameter = 2, "cercBadParameter";
+        /// More data than announced.
+        DataReceivedMore = 3, "cercDataRcvMore";
+        /// The bootloader runs.
+        InBootloader = 4, "cercInBootloader";
+        /// The page's CRC is wrong.
+        CrcMismatch = 5, "cercCrcMismatch";
+        /// Erasing or writing failed.
+        FlashWriteFailed = 6, "cercFlashWriteFailed";
+        /// The restart that was asked for is over.
+        AcknowledgeReset = 7, "cercAckReset";
+        /// A test passed.
+        TestPassed = 8, "cercTestPassed";
+        /// A test failed; the high byte of `cerc` tells the pin.
+        TestFailed = 9, "cercTestFailed";
     }
 }
 

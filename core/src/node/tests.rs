@@ -219,6 +219,34 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
 }
 
 #[test]
+fn every_parameter_can_be_asked_for_in_one_burst() {
+    let mut bench = Bench::connected();
+    let session = bench.session();
+    bench.sent.clear();
+    for row in &crate::params::table::TABLE {
+        let request = ParameterRequest {
+            session,
+            parameter: row.id.code(),
+        };
+        bench
+            .node
+            .on_frame(bench.now, &request.emit(5), &bench.snapshot);
+    }
+    bench.flush();
+    let answers: Vec<_> = bench
+        .sent
+        .iter()
+        .filter_map(|(_, frame)| ParameterResponse::parse(frame))
+        .map(|response| response.parameter)
+        .collect();
+    assert_eq!(
+        answers,
+        crate::params::table::TABLE.map(|row| row.id.code())
+    );
+    assert_eq!(bench.node.counters().answers_lost, 0);
+}
+
+#[test]
 fn a_parameter_acts_at_once_and_is_saved_by_the_15_s_rule() {
     let mut bench = Bench::connected();
     assert_eq!(bench.set(16, 1000).value, 1000);

@@ -63,6 +63,7 @@ impl SimNode {
     #[must_use]
     pub fn truth(&self) -> Truth {
         let node = self.node();
+        let (plant, header) = (&self.rig.plant, &self.rig.header);
         let neutral = match self.actuation {
             Actuation::Off => Neutral::Coast,
             Actuation::Brake => Neutral::Brake,
@@ -71,17 +72,17 @@ impl SimNode {
         Truth {
             dialect: self.dialect(),
             number: self.number(),
-            position_counts: self.plant.position().floor() as i64,
-            velocity_counts_per_100ms: self.plant.velocity(),
-            current_a: self.plant.current(),
-            bus_v: self.plant.bus_voltage(),
-            temp_c: self.plant.temperature(),
-            analog_v: self.plant.analog_in(),
+            position_counts: plant.position().floor() as i64,
+            velocity_counts_per_100ms: plant.velocity(),
+            current_a: plant.current(),
+            bus_v: plant.bus_voltage(),
+            temp_c: plant.temperature(),
+            analog_v: plant.analog_in(),
             duty: self.actuation.duty().units(),
             neutral,
-            fwd_limit_closed: self.header.forward_closed,
-            rev_limit_closed: self.header.reverse_closed,
-            index_pin: self.plant.encoder.index(),
+            fwd_limit_closed: header.forward_closed,
+            rev_limit_closed: header.reverse_closed,
+            index_pin: plant.encoder.index(),
             leds: node.map_or_else(Leds::default, |node| node.leds(self.now, &self.snapshot)),
             mode: self.image,
             powered: !matches!(self.power, Power::Off),

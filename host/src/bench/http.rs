@@ -23,7 +23,7 @@ const LONGEST_STEP_US: u64 = 3_600_000_000;
 /// Frames in an answer of the trace when the request does not say.
 const DEFAULT_LIMIT: u64 = 1000;
 /// Most frames in an answer of the trace.
-const LARGEST_LIMIT: u64 = 10_000;
+const LARGEST_LIMIT: u64 = 100_000;
 
 const PAGE: &str = include_str!("../../web/index.html");
 const STYLE: &str = include_str!("../../web/style.css");

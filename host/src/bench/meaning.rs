@@ -110,7 +110,7 @@ fn management_frame(base: u32, frame: &Frame) -> Option<Named> {
         id::VENDOR_STATUS => {
             let status = VendorStatus::parse(frame)?;
             let name =
-                CommandCode::from_code(status.code).map_or("unknown code", CommandCode::name);
+                CommandCode::from_code(status.code as u8).map_or("unknown code", CommandCode::name);
             ("VENDORSTS", format!("{name}, {} bytes", status.byte_count))
         }
         id::VENDOR_DATA_OUT => ("VENDORDOUT", text_of(frame.data())),

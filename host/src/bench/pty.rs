@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -27,8 +28,7 @@ impl Pty {
         let name = ptsname(&master, Vec::new())?;
         let path = PathBuf::from(name.to_string_lossy().into_owned());
         // Until the other end has been open once, the kernel does not tell that nobody has it open.
-        let other = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
-        drop(rustix::fs::open(&path, other, Mode::empty())?);
+        drop(open_other_end(&path)?);
         fcntl_setfl(&master, fcntl_getfl(&master)? | OFlags::NONBLOCK)?;
         let pty = Self {
             master: File::from(master),
@@ -59,7 +59,10 @@ impl Pty {
     /// The stream of the program that has just opened the path.
     pub(super) fn connect(&self) -> io::Result<PtyPort> {
         self.make_raw()?;
-        Ok(PtyPort(self.master.try_clone()?))
+        Ok(PtyPort {
+            master: self.master.try_clone()?,
+            path: self.path.clone(),
+        })
     }
 
     /// A program that sets no terminal mode gets one that changes no byte and echoes none.
@@ -79,32 +82,54 @@ pub(super) struct PtyState {
     pub(super) input: bool,
 }
 
+/// What a program opens, opened without becoming its terminal.
+fn open_other_end(path: &Path) -> io::Result<OwnedFd> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    Ok(rustix::fs::open(path, flags, Mode::empty())?)
+}
+
 /// The stream of one program on a pseudo-terminal.
-pub(super) struct PtyPort(File);
+pub(super) struct PtyPort {
+    master: File,
+    path: PathBuf,
+}
+
+impl PtyPort {
+    /// Forgets what was written and not read. Flushing the bench's end empties the kernel's queue between
+    /// both ends; what has left that queue already waits at the other end and is flushed there.
+    fn discard(&self) -> io::Result<()> {
+        tcflush(&self.master, QueueSelector::OFlush)?;
+        let other = open_other_end(&self.path)?;
+        Ok(tcflush(&other, QueueSelector::IFlush)?)
+    }
+}
 
 impl Read for PtyPort {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         // Linux reports an input/output error when no program has the other end open.
-        self.0.read(buffer).or_else(|error| match error.kind() {
-            ErrorKind::WouldBlock | ErrorKind::Interrupted => Err(error),
-            _ => Ok(0),
-        })
+        self.master
+            .read(buffer)
+            .or_else(|error| match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::Interrupted => Err(error),
+                _ => Ok(0),
+            })
     }
 }
 
 impl Write for PtyPort {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
+        self.master.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
+        self.master.flush()
     }
 }
 
 impl Port for PtyPort {
     fn close(&mut self) {
-        // The next program must not read what the last one left; if nobody is there, nothing is left.
-        let _ = tcflush(&self.0, QueueSelector::OFlush);
+        // The next program must not read what the last one left; if that fails, it reads old frames,
+        // as it would from a serial adapter.
+        let _ = self.discard();
     }
 }

@@ -173,7 +173,7 @@ impl<B: Bus> Client<B> {
             ..Exchange::plain(command, address.number)
         };
         let reply = self.transact(address, &exchange)?;
-        match CommandCode::from_code(reply.code) {
+        match CommandCode::from_code(reply.code as u8) {
             Some(CommandCode::TestPassed) => Ok(PinTestResult::Passed),
             Some(CommandCode::TestFailed) => {
                 let [_, pin] = reply.code.to_le_bytes();
@@ -376,7 +376,7 @@ fn expect(
     reply: &Reply,
     expected: CommandCode,
 ) -> Result<(), Error> {
-    if CommandCode::from_code(reply.code) == Some(expected) {
+    if CommandCode::from_code(reply.code as u8) == Some(expected) {
         Ok(())
     } else {
         Err(refused(address, command, reply.code))
@@ -387,7 +387,7 @@ fn refused(address: Address, command: Command, code: u16) -> Error {
     Error::Refused {
         address,
         request: name(command).to_owned(),
-        code: match CommandCode::from_code(code) {
+        code: match CommandCode::from_code(code as u8) {
             Some(known) => known.name().to_owned(),
             None => format!("unknown code {code}"),
         },

@@ -3,10 +3,10 @@
 //! The names are those of the bench's JSON interface with the unit spelt out. `release` in place of a
 //! number gives a forced quantity back to the plant.
 
-use windlass_sim::RigPoke;
+use windlass_sim::Poke;
 
 /// Reads a line.
-pub(super) fn parse(line: &[u8]) -> Option<RigPoke> {
+pub(super) fn parse(line: &[u8]) -> Option<Poke> {
     let (name, value) = core::str::from_utf8(line).ok()?.split_once(' ')?;
     let number = value.parse::<i32>();
     let flag = || match number {
@@ -20,15 +20,15 @@ pub(super) fn parse(line: &[u8]) -> Option<RigPoke> {
         _ => None,
     };
     Some(match name {
-        "fwd_limit_closed" => RigPoke::ForwardLimitClosed(flag()?),
-        "rev_limit_closed" => RigPoke::ReverseLimitClosed(flag()?),
-        "battery_mv" => RigPoke::BatteryVolts(milli()?),
-        "temp_millicelsius" => RigPoke::TemperatureCelsius(milli()?),
-        "load_mnm" => RigPoke::LoadNewtonMetres(milli()??),
-        "stall" => RigPoke::Stall(flag()?),
-        "encoder_unplugged" => RigPoke::EncoderUnplugged(flag()?),
-        "short_circuit" => RigPoke::ShortCircuit(flag()?),
-        "gate_driver_fault" => RigPoke::GateDriverFault(flag()?),
+        "fwd_limit_closed" => Poke::ForwardLimitClosed(flag()?),
+        "rev_limit_closed" => Poke::ReverseLimitClosed(flag()?),
+        "battery_mv" => Poke::BatteryVolts(milli()?),
+        "temp_millicelsius" => Poke::TemperatureCelsius(milli()?),
+        "load_mnm" => Poke::LoadNewtonMetres(milli()??),
+        "stall" => Poke::Stall(flag()?),
+        "encoder_unplugged" => Poke::EncoderUnplugged(flag()?),
+        "short_circuit" => Poke::ShortCircuit(flag()?),
+        "gate_driver_fault" => Poke::GateDriverFault(flag()?),
         _ => return None,
     })
 }

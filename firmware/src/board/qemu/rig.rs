@@ -4,7 +4,7 @@ use cortex_m_rt::exception;
 use heapless::Deque;
 use windlass_core::engine::snapshot::{Actuation, Sample};
 use windlass_core::management::vendor::{PinTest, TestPin};
-use windlass_sim::{PlantConfig, Rig, RigPoke};
+use windlass_sim::{PlantConfig, Poke, Rig};
 
 use core::cell::RefCell;
 use critical_section::Mutex;
@@ -20,13 +20,13 @@ pub(super) static SAMPLE: Latest<Option<Sample>> = Latest::new(None);
 pub(super) static ACTUATION: Latest<Actuation> = Latest::new(Actuation::Off);
 
 /// Pokes on their way to the plant.
-static POKES: Mutex<RefCell<Deque<RigPoke, 16>>> = Mutex::new(RefCell::new(Deque::new()));
+static POKES: Mutex<RefCell<Deque<Poke, 16>>> = Mutex::new(RefCell::new(Deque::new()));
 /// A pin test on its way to the plant, and its result.
 static PIN_TEST: Latest<Option<PinTest>> = Latest::new(None);
 static PIN_RESULT: Latest<Option<Option<TestPin>>> = Latest::new(None);
 
 /// Queues a poke; false if too many wait.
-pub(super) fn poke(poke: RigPoke) -> bool {
+pub(super) fn poke(poke: Poke) -> bool {
     critical_section::with(|token| POKES.borrow_ref_mut(token).push_back(poke).is_ok())
 }
 
