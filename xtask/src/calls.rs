@@ -125,17 +125,15 @@ impl CallGraph {
 
     /// The deepest chain below the function with this name.
     pub(crate) fn depth(&self, name: &str) -> Option<Depth> {
-        let (entry, _) = self.functions.iter().find(|(_, function)| function.name == name)?;
+        let (entry, _) = self
+            .functions
+            .iter()
+            .find(|(_, function)| function.name == name)?;
         let mut known = BTreeMap::new();
         Some(self.below(*entry, &mut Vec::new(), &mut known))
     }
 
-    fn below(
-        &self,
-        entry: u32,
-        path: &mut Vec<u32>,
-        known: &mut BTreeMap<u32, Depth>,
-    ) -> Depth {
+    fn below(&self, entry: u32, path: &mut Vec<u32>, known: &mut BTreeMap<u32, Depth>) -> Depth {
         let Some(function) = self.functions.get(&entry) else {
             return Depth::default();
         };
@@ -260,7 +258,11 @@ mod tests {
             ((0xF3BF, 0x8F4F), None),                    // dsb
         ];
         for ((first, second), expected) in table {
-            assert_eq!(decode(0x100, first, second), expected, "{first:#x} {second:#x}");
+            assert_eq!(
+                decode(0x100, first, second),
+                expected,
+                "{first:#x} {second:#x}"
+            );
         }
     }
 

@@ -61,7 +61,10 @@ pub(crate) fn run() -> Result<(), Error> {
         path: seen.clone(),
         cause,
     })?;
-    let high_water = text.lines().filter_map(|line| line.parse::<u64>().ok()).max();
+    let high_water = text
+        .lines()
+        .filter_map(|line| line.parse::<u64>().ok())
+        .max();
     println!("high-water mark   {} bytes", high_water.unwrap_or(0));
     println!("region            {region} bytes");
     if total > region {
