@@ -19,6 +19,7 @@
     )
 )]
 
+pub mod bridge;
 pub mod dialect;
 pub mod engine;
 pub mod field;

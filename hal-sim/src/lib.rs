@@ -56,6 +56,7 @@ mod ticker;
 mod trace;
 #[cfg(feature = "std")]
 mod truth;
+mod wires;
 #[cfg(feature = "std")]
 mod world;
 

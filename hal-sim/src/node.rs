@@ -1,7 +1,7 @@
 //! One simulated controller: the real core on a virtual board.
 
 use windlass_core::engine::Engine;
-use windlass_core::engine::snapshot::{Actuation, Snapshot};
+use windlass_core::engine::snapshot::{Actuation, DriveState, Snapshot};
 use windlass_core::frame::Frame;
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
@@ -20,6 +20,8 @@ use crate::spec::NodeSpec;
 mod observe;
 mod poke;
 
+/// Longest self-check before the world begins; a board whose self-check fails is left in it.
+const WARM_UP_TICKS: u32 = 200;
 /// Ticks from power-on or restart to the first tick of the image: 5 ms.
 const BOOT_TICKS: u32 = 10;
 
@@ -77,6 +79,8 @@ pub struct SimNode {
     now: Instant,
     hash: ActuationHash,
     records: Option<Vec<TickRecord>>,
+    /// The ticks of the self-check before the world saw the node, until its first tick in the world.
+    warm_up: Vec<TickRecord>,
 }
 
 impl SimNode {
@@ -119,9 +123,22 @@ impl SimNode {
             now,
             hash: ActuationHash::new(),
             records: None,
+            warm_up: Vec::new(),
         };
         node.boot(now, None);
+        node.warm_up(now);
         node
+    }
+
+    /// The board was switched on before the world begins: its self-check is over.
+    fn warm_up(&mut self, now: Instant) {
+        self.records = Some(Vec::new());
+        for _ in 0..WARM_UP_TICKS {
+            if self.snapshot.state == DriveState::SelfCheck {
+                self.run(now);
+            }
+        }
+        self.warm_up = self.records.take().unwrap_or_default();
     }
 
     /// Offset of the board's tick from that of the first board in µs: boards have clocks of their own.
@@ -186,6 +203,7 @@ impl SimNode {
     /// One control tick: the plant moves on to `now` with the last actuation, then the board acts.
     pub(crate) fn tick(&mut self, now: Instant) {
         self.now = now;
+        self.warm_up = Vec::new();
         self.rig.advance(self.actuation);
         match &mut self.power {
             Power::Off => {}
@@ -308,7 +326,8 @@ impl SimNode {
 
     /// Starts to keep what goes into every tick, see [`replay`](crate::replay).
     pub fn record_ticks(&mut self) {
-        self.records.get_or_insert_with(Vec::new);
+        let warm_up = std::mem::take(&mut self.warm_up);
+        self.records.get_or_insert(warm_up);
     }
 
     /// The ticks since recording began or since the last call; none if nothing is recorded.

@@ -1,12 +1,13 @@
 //! One plant with its switches, without bus or node: what a controller needs around it to run.
 
-use windlass_core::engine::snapshot::{Actuation, Pins, Pulse, Sample};
+use windlass_core::engine::snapshot::{Actuation, Pulse, Sample};
 use windlass_core::management::vendor::{PinTest, TestPin};
 
 use crate::pins::Header;
 use crate::plant::{Plant, PlantConfig};
 use crate::poke::Poke;
 use crate::random::Random;
+use crate::wires::{self, Level};
 
 /// Ticks between RC-PWM pulses: 20 ms, the frame of a servo signal.
 const PULSE_TICKS: u32 = 40;
@@ -16,6 +17,8 @@ const PULSE_TICKS: u32 = 40;
 pub struct Rig {
     pub(crate) plant: Plant,
     pub(crate) header: Header,
+    driver: wires::Driver,
+    inputs: wires::InputPins,
     gate_driver_fault: bool,
     pulse_width: Option<u16>,
     pulse: Pulse,
@@ -33,6 +36,8 @@ impl Rig {
         Self {
             plant: Plant::new(config, noise),
             header: Header::default(),
+            driver: wires::driver(),
+            inputs: wires::inputs(),
             gate_driver_fault: false,
             pulse_width: None,
             pulse: Pulse::default(),
@@ -42,7 +47,9 @@ impl Rig {
 
     /// Lets one control tick pass while the bridge does this.
     pub fn advance(&mut self, actuation: Actuation) {
-        self.plant.advance(actuation);
+        // Virtual pins have no errors.
+        let _ = self.driver.apply(actuation);
+        self.plant.advance(wires::power_stage(&self.driver));
     }
 
     /// Everything that the controller measures now; every call draws new noise.
@@ -57,17 +64,17 @@ impl Rig {
         }
         let conversions = self.plant.convert();
         let (encoder_a, encoder_b) = self.plant.encoder.channels();
+        let fault = self.gate_driver_fault || self.plant.trips_gate_driver();
+        self.inputs.forward_limit = Level(!self.header.forward_closed);
+        self.inputs.reverse_limit = Level(!self.header.reverse_closed);
+        self.inputs.encoder_a = Level(encoder_a);
+        self.inputs.encoder_b = Level(encoder_b);
+        self.inputs.encoder_index = Level(self.plant.encoder.index());
+        self.inputs.gate_driver_fault_n = Level(!fault);
         let (index_rising, index_falling) = self.plant.index_captures();
         Sample {
             encoder: self.plant.encoder.counter(),
-            pins: Pins {
-                forward_limit: !self.header.forward_closed,
-                reverse_limit: !self.header.reverse_closed,
-                encoder_a,
-                encoder_b,
-                encoder_index: self.plant.encoder.index(),
-                gate_driver_fault: self.gate_driver_fault || self.plant.trips_gate_driver(),
-            },
+            pins: self.inputs.read(),
             index_rising,
             index_falling,
             current: conversions.current,

@@ -166,14 +166,18 @@ impl Engine {
     }
 
     fn advance_state(&mut self, settings: &Settings, command: &Command) {
-        if self.state == DriveState::SelfCheck && self.sensors.is_ready() {
-            self.state = transition(self.state, Event::Ready);
-        }
         let event = self
             .liveness
             .update(&settings.policy, command, self.pulse.is_valid());
         if let Some(event) = event {
             self.state = transition(self.state, event);
+        }
+        if self.state == DriveState::SelfCheck && self.sensors.is_ready() {
+            self.state = transition(self.state, Event::Ready);
+            // A command that came during the self-check and is still alive counts from now on.
+            if let Some(event) = self.liveness.standing(&settings.policy, command) {
+                self.state = transition(self.state, event);
+            }
         }
     }
 

@@ -69,14 +69,7 @@ impl Liveness {
             self.expired = false;
             let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
             self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
-            return Some(match command.setpoint {
-                Setpoint::Off | Setpoint::Pulse => Event::Halt,
-                setpoint if setpoint.is_nonzero() => Event::Drive,
-                _ => match policy.resume {
-                    Resume::NonZeroSetpoint => Event::Zero,
-                    Resume::AnyCommand => Event::Drive,
-                },
-            });
+            return Some(self.standing(policy, command).unwrap_or(Event::Halt));
         }
         if matches!(command.setpoint, Setpoint::Pulse) {
             return Some(if pulse_valid {
@@ -93,6 +86,18 @@ impl Liveness {
             }
         }
         None
+    }
+
+    /// What the command that is alive means for the state; nothing if none is.
+    pub fn standing(&self, policy: &Policy, command: &Command) -> Option<Event> {
+        match self.setpoint(command) {
+            Setpoint::Off | Setpoint::Pulse => None,
+            setpoint if setpoint.is_nonzero() => Some(Event::Drive),
+            _ => Some(match policy.resume {
+                Resume::NonZeroSetpoint => Event::Zero,
+                Resume::AnyCommand => Event::Drive,
+            }),
+        }
     }
 
     /// True from a timeout until the next command: the command's options are void.

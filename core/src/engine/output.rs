@@ -3,7 +3,7 @@
 
 use super::current_limit::CurrentLimiter;
 use super::sensor::Measured;
-use super::settings::{Settings, SlotSettings, Thresholds};
+use super::settings::{Derating, Settings, SlotSettings};
 use super::snapshot::Snapshot;
 use crate::units::Duty;
 
@@ -80,8 +80,8 @@ impl Output {
             duty.abs(),
         );
         snapshot.current_limited = cap.is_some();
-        let derated = derated(&settings.board.thresholds, measured.temperature);
-        let cap = cap.unwrap_or(FULL).min(derated);
+        let derated = settings.board.thresholds.derating.cap(measured.temperature);
+        let cap = cap.unwrap_or(Derating::FULL).min(derated);
         duty = duty.min(cap).max(-cap);
         if duty > 0 && snapshot.forward.blocked {
             snapshot.forward.refused = true;
@@ -96,9 +96,6 @@ impl Output {
         duty
     }
 }
-
-/// Full throttle as a cap.
-const FULL: i32 = 32768;
 
 /// `from` moved towards `to` by at most `rate`; 0 = at once.
 fn ramped(from: i32, to: i32, rate: i32) -> i32 {
@@ -122,25 +119,9 @@ fn raised(slot: &SlotSettings, requested: i32, duty: i32) -> i32 {
     }
 }
 
-/// Cap on the duty cycle for a case temperature (16.16 °C): full up to the derating temperature, then
-/// falling to none at the over-temperature threshold.
-fn derated(thresholds: &Thresholds, temperature: i32) -> i32 {
-    if temperature <= thresholds.derate_from {
-        return FULL;
-    }
-    let span = i64::from(thresholds.over_temperature) - i64::from(thresholds.derate_from);
-    let left = i64::from(thresholds.over_temperature) - i64::from(temperature);
-    if left <= 0 || span <= 0 {
-        return 0;
-    }
-    // Both differences are below 2^32 and left < span, so the quotient is below FULL.
-    (left * i64::from(FULL) / span) as i32
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::settings::Board;
 
     #[test]
     fn a_ramp_never_overshoots() {
@@ -150,14 +131,5 @@ mod tests {
         assert_eq!(ramped(100, -100, 150), -50);
         assert_eq!(ramped(-32768, 32767, 0), 32767);
         assert_eq!(ramped(32767, -32768, i32::MAX), -32768);
-    }
-
-    #[test]
-    fn derating_is_linear_from_85_to_105_degrees() {
-        let at = |celsius: i32| derated(&Board::REFERENCE.thresholds, celsius << 16);
-        assert_eq!(
-            [at(84), at(85), at(90), at(95), at(105), at(150)],
-            [32768, 32768, 24576, 16384, 0, 0]
-        );
     }
 }

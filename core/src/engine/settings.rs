@@ -26,6 +26,49 @@ impl Linear {
     }
 }
 
+/// Linear derating of the duty cycle between two temperatures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Derating {
+    /// Full duty cycle up to here, 16.16 °C.
+    from: i32,
+    /// None from here on, 16.16 °C.
+    to: i32,
+    /// Throttle units for each step of temperature below `to`, in units of 2⁻³²: a multiplication in the
+    /// tick instead of a division.
+    slope: i32,
+}
+
+impl Derating {
+    /// Full duty cycle as a cap.
+    pub const FULL: i32 = 32768;
+
+    /// Derating between two temperatures in whole degrees Celsius; `to` is at least one degree above
+    /// `from`, else it is taken as that.
+    #[must_use]
+    pub const fn new(from: i16, to: i16) -> Self {
+        let to = if to > from {
+            to
+        } else {
+            from.saturating_add(1)
+        };
+        let (from, to) = ((from as i32) << 16, (to as i32) << 16);
+        let span = to as i64 - from as i64;
+        // A span of one degree or more keeps the slope within 31 bits.
+        let slope = (((Self::FULL as i64) << 32) / (span + 1)) as i32;
+        Self { from, to, slope }
+    }
+
+    /// Cap on the size of the duty cycle at a case temperature (16.16 °C).
+    #[must_use]
+    pub fn cap(&self, temperature: i32) -> i32 {
+        if temperature <= self.from {
+            return Self::FULL;
+        }
+        let left = self.to.saturating_sub(temperature).max(0);
+        ((i64::from(left) * i64::from(self.slope)) >> 32) as i32
+    }
+}
+
 /// When a fault is recognised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Thresholds {
@@ -39,8 +82,8 @@ pub struct Thresholds {
     pub over_temperature: i32,
     /// … for this many ticks.
     pub over_temperature_ticks: u16,
-    /// The duty cycle is derated from here (full) up to `over_temperature` (none), 16.16 °C.
-    pub derate_from: i32,
+    /// Derating of the duty cycle towards `over_temperature`.
+    pub derating: Derating,
     /// Under-voltage: bus voltage below this, 16.16 V …
     pub under_voltage: i32,
     /// … for this many ticks.
@@ -86,7 +129,7 @@ impl Board {
             current_rail_ticks: (1000 * TICKS_PER_MS) as u16,
             over_temperature: 105 << 16,
             over_temperature_ticks: 4,
-            derate_from: 85 << 16,
+            derating: Derating::new(85, 105),
             under_voltage: (575 << 16) / 100,
             under_voltage_ticks: (5000 * TICKS_PER_MS) as u16,
         },
@@ -203,6 +246,29 @@ impl Settings {
         match slot {
             super::command::Slot::Zero => zero,
             super::command::Slot::One => one,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn derating_is_linear_from_85_to_105_degrees() {
+        let at = |celsius: i32| Board::REFERENCE.thresholds.derating.cap(celsius << 16);
+        assert_eq!(
+            [at(84), at(85), at(90), at(95), at(105), at(150)],
+            [32768, 32768, 24575, 16383, 0, 0]
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn derating_stays_within_its_ends(from: i16, to: i16, temperature: i32) {
+            let cap = Derating::new(from, to).cap(temperature);
+            prop_assert!((0..=Derating::FULL).contains(&cap), "{}", cap);
         }
     }
 }

@@ -91,11 +91,11 @@ pub enum TxOutcome {
 /// What the platform has to do for the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Keep [`Node::stored`], then call [`Node::saved`].
+    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::saved`](super::Node::saved).
     Save,
     /// Restart with this handover.
     Reset(Handover),
-    /// Test the expansion header, then call [`Node::pin_test_done`].
+    /// Test the expansion header, then call [`Node::pin_test_done`](super::Node::pin_test_done).
     PinTest(PinTest),
 }
 

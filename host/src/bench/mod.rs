@@ -1,6 +1,6 @@
 //! The bench as a server: a simulated world that SLCAN tools and browsers connect to.
 //!
-//! One thread owns the world, the SLCAN clients and the clock ([`server`]); the HTTP thread ([`http`])
+//! One thread owns the world, the SLCAN clients and the clock (`server`); the HTTP thread (`http`)
 //! sends it jobs and waits for their results. Every SLCAN connection is one participant on the bus from
 //! the moment it is accepted until it is closed.
 

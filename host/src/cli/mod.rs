@@ -41,7 +41,7 @@ struct Cli {
 /// Options that every verb takes.
 #[derive(Clone, Debug, Args)]
 pub struct Global {
-    /// The bus: sim, slcan:DEVICE[@BITRATE], tcp:HOST:PORT or socketcan:INTERFACE.
+    /// The bus: sim, `slcan:DEVICE[@BITRATE]`, tcp:HOST:PORT or socketcan:INTERFACE.
     #[arg(
         long,
         short,

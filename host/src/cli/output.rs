@@ -27,7 +27,7 @@ pub(crate) use say;
 /// Writes a JSON document as one line.
 ///
 /// # Errors
-/// As [`line`].
+/// As [`line()`].
 pub fn json(document: &serde_json::Value) -> io::Result<()> {
     line(format_args!("{document}"))
 }
@@ -53,7 +53,7 @@ impl LiveLine {
     /// Shows `text`.
     ///
     /// # Errors
-    /// As [`line`].
+    /// As [`line()`].
     pub fn show(&mut self, text: &str) -> io::Result<()> {
         if !self.terminal {
             return line(format_args!("{text}"));
@@ -67,7 +67,7 @@ impl LiveLine {
     /// Ends the line, so that the next output starts on a line of its own.
     ///
     /// # Errors
-    /// As [`line`].
+    /// As [`line()`].
     pub fn finish(&mut self) -> io::Result<()> {
         if std::mem::take(&mut self.open) {
             return line(format_args!(""));

@@ -122,6 +122,17 @@ fn nothing_drives_before_the_zero_of_the_current_sensor_is_known() {
 }
 
 #[test]
+fn a_command_of_the_self_check_counts_if_it_is_still_alive() {
+    let mut rig = Rig::cold();
+    rig.ticks(10);
+    rig.duty(10_000).ticks(53);
+    assert_eq!(rig.snapshot.duty().units(), 0);
+    assert_eq!(rig.tick(), 10_000);
+    assert_eq!(rig.ticks(207 - 53), 10_000);
+    assert_eq!(rig.tick(), 0, "104 ms after the command");
+}
+
+#[test]
 fn a_failed_self_check_keeps_the_output_off() {
     let mut rig = Rig::cold();
     rig.sample.current = 3000;
