@@ -15,8 +15,10 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod clock;
 pub mod control;
 pub mod exercise;
+pub mod kept;
 pub mod latest;
 pub mod port;
 pub mod record;

@@ -3,9 +3,10 @@
 use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
-use windlass_core::node::{NodeConfig, Transmission, TxOutcome};
-use windlass_core::params::Stored;
+use windlass_core::node::{Transmission, TxOutcome};
 use windlass_core::time::Instant;
+
+use crate::kept::Kept;
 
 /// What happened on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,20 +34,14 @@ pub trait Board {
     /// Its bus.
     type Bus: Bus;
 
-    /// What the node on this board is made from.
-    fn node_config(&self) -> NodeConfig;
-
     /// Time since power-on.
     fn now(&mut self) -> Instant;
 
     /// The bus.
     fn bus(&mut self) -> &mut Self::Bus;
 
-    /// What was kept last, if anything.
-    fn load(&mut self) -> Option<Stored>;
-
-    /// Keeps a set; false if that could not be done.
-    fn save(&mut self, stored: &Stored) -> bool;
+    /// Settings, and what the node before has left.
+    fn kept(&mut self) -> &mut Kept;
 
     /// Shows the LEDs; called once a tick at most.
     fn show(&mut self, leds: Leds);
@@ -59,4 +54,7 @@ pub trait Board {
 
     /// Thread mode and tick are alive: restarts the watchdog.
     fn feed_watchdog(&mut self);
+
+    /// Waits for the next interrupt; the board's own work of thread mode, if it has any.
+    fn idle(&mut self);
 }

@@ -40,6 +40,26 @@ impl Thread {
         }
     }
 
+    /// Thread mode of a board, for ever.
+    pub fn run<B: Board>(&mut self, board: &mut B, crossing: &Crossing) -> ! {
+        loop {
+            if let Some(handover) = self.pass(board, crossing) {
+                board.kept().handover = Some(handover);
+                self.restart(board, crossing);
+            }
+            board.idle();
+        }
+    }
+
+    /// Starts the node anew, bridge off. Never inlined: a whole node on the stack is large.
+    #[inline(never)]
+    fn restart<B: Board>(&mut self, board: &mut B, crossing: &Crossing) {
+        crossing.restart();
+        let now = board.now();
+        let kept = board.kept();
+        *self = Self::new(now, &kept.node_config(), kept.stored.as_ref());
+    }
+
     /// One pass through everything that is to be done now. Gives the handover if the node is to be
     /// restarted, which the caller has to do at once.
     pub fn pass<B: Board>(&mut self, board: &mut B, crossing: &Crossing) -> Option<Handover> {
@@ -96,9 +116,8 @@ impl Thread {
     fn act<B: Board>(&mut self, board: &mut B) -> Option<Handover> {
         match self.node.take_action()? {
             Action::Save => {
-                if board.save(&self.node.stored()) {
-                    self.node.saved();
-                }
+                board.kept().stored = Some(self.node.stored());
+                self.node.saved();
                 None
             }
             Action::PinTest(test) => {

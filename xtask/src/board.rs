@@ -3,7 +3,7 @@
 use crate::error::Error;
 
 /// The board that is built unless another one is asked for.
-pub(crate) const DEFAULT: &str = "qemu";
+pub(crate) const DEFAULT: &str = "f405-devkit";
 
 /// One board.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +19,20 @@ pub(crate) struct Board {
 }
 
 /// Every board.
-pub(crate) const BOARDS: [Board; 1] = [Board {
-    name: "qemu",
-    about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
-    budgeted: false,
-    probe_chip: None,
-}];
+pub(crate) const BOARDS: [Board; 2] = [
+    Board {
+        name: "f405-devkit",
+        about: "STM32F405RG with CAN transceiver, H-bridge and encoder",
+        budgeted: true,
+        probe_chip: Some("STM32F405RGTx"),
+    },
+    Board {
+        name: "qemu",
+        about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
+        budgeted: false,
+        probe_chip: None,
+    },
+];
 
 /// The board with this name.
 pub(crate) fn find(name: &str) -> Result<Board, Error> {

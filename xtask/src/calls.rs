@@ -46,7 +46,7 @@ pub(crate) struct Depth {
 }
 
 impl CallGraph {
-    /// Reads an image that was compiled with stack sizes.
+    /// Reads an image; frames are known if it was compiled with stack sizes.
     pub(crate) fn read(path: &Path) -> Result<Self, Error> {
         let bytes = fs::read(path).map_err(|cause| Error::File {
             path: path.to_owned(),
@@ -80,7 +80,8 @@ impl CallGraph {
                 function.end = function.end.max(start + symbol.size().max(2) as u32);
             }
         }
-        for (address, size) in stack_sizes(&section(".stack_sizes")?.1) {
+        let sizes = section(".stack_sizes").map_or_else(|_| Vec::new(), |(_, data)| data);
+        for (address, size) in stack_sizes(&sizes) {
             if let Some(function) = graph.functions.get_mut(&(address & !1)) {
                 function.frame = Some(size);
             }
@@ -121,6 +122,21 @@ impl CallGraph {
                 at += if wide { 4 } else { 2 };
             }
         }
+    }
+
+    /// Functions that call one whose demangled name starts like this, and are not such themselves.
+    pub(crate) fn callers(&self, start: &str) -> BTreeSet<String> {
+        let name = |function: &Function| format!("{:#}", rustc_demangle::demangle(&function.name));
+        let wanted = |entry: &u32| {
+            self.functions
+                .get(entry)
+                .is_some_and(|function| name(function).starts_with(start))
+        };
+        self.functions
+            .iter()
+            .filter(|(entry, function)| !wanted(entry) && function.callees.iter().any(wanted))
+            .map(|(_, function)| name(function))
+            .collect()
     }
 
     /// The deepest chain below the function with this name.

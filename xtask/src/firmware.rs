@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::board::{self, Board};
+use crate::calls::CallGraph;
 use crate::error::Error;
 use crate::image::{self, Image};
 use crate::toolchain::{TARGET, Toolchain};
@@ -20,6 +21,14 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
     let elf = build(&toolchain, &board, APPLICATION)?;
     let image = Image::read(&elf)?;
     image::report(&image, &board)?;
+    let panicking = CallGraph::read(&elf)?.callers("core::panicking");
+    println!(
+        "panics  called from {} functions of this image",
+        panicking.len()
+    );
+    for function in panicking {
+        println!("        {function}");
+    }
     let (binary, hex) = image.write_beside(&elf)?;
     println!("\nelf  {}", elf.display());
     println!("bin  {} (application slot alone)", binary.display());

@@ -78,7 +78,7 @@ pub(crate) fn run() -> Result<(), Error> {
 fn show(name: &str, depth: &Depth) -> u64 {
     println!("{name}: {} bytes", depth.bytes);
     for (function, frame) in depth.chain.iter().filter(|(_, frame)| *frame >= 100) {
-        println!("    {frame:>5} {function}");
+        println!("    {frame:>5} {:#}", rustc_demangle::demangle(function));
     }
     for (what, functions) in [
         ("frame unknown, taken as 64 bytes", &depth.unknown),

@@ -1,4 +1,5 @@
 use super::*;
+use crate::kept::Kept;
 use std::collections::VecDeque;
 use std::vec::Vec;
 use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
@@ -7,7 +8,8 @@ use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Transmission, TxOutcome};
-use windlass_core::time::{Duration, TICK};
+use windlass_core::time::Duration;
+
 use windlass_core::units::Duty;
 
 /// A bus that a test fills and reads.
@@ -27,22 +29,17 @@ impl Bus for FakeBus {
     }
 }
 
-/// A board whose flash can fail.
+/// A board.
 #[derive(Default)]
 struct FakeBoard {
     bus: FakeBus,
     now: Instant,
-    saved: Vec<Stored>,
-    flash_fails: bool,
+    kept: Kept,
     fed: u32,
 }
 
 impl Board for FakeBoard {
     type Bus = FakeBus;
-
-    fn node_config(&self) -> NodeConfig {
-        NodeConfig::dmc60c(1)
-    }
 
     fn now(&mut self) -> Instant {
         self.now
@@ -52,15 +49,8 @@ impl Board for FakeBoard {
         &mut self.bus
     }
 
-    fn load(&mut self) -> Option<Stored> {
-        self.saved.last().cloned()
-    }
-
-    fn save(&mut self, stored: &Stored) -> bool {
-        if !self.flash_fails {
-            self.saved.push(stored.clone());
-        }
-        !self.flash_fails
+    fn kept(&mut self) -> &mut Kept {
+        &mut self.kept
     }
 
     fn show(&mut self, _: Leds) {}
@@ -76,6 +66,8 @@ impl Board for FakeBoard {
     fn feed_watchdog(&mut self) {
         self.fed += 1;
     }
+
+    fn idle(&mut self) {}
 }
 
 fn receive(board: &mut FakeBoard, frame: Frame) {
@@ -84,7 +76,7 @@ fn receive(board: &mut FakeBoard, frame: Frame) {
 
 fn start() -> (FakeBoard, Crossing, Thread) {
     let mut board = FakeBoard::default();
-    let config = board.node_config();
+    let config = board.kept.node_config();
     let thread = Thread::new(board.now(), &config, None);
     (board, Crossing::new(), thread)
 }
@@ -138,26 +130,34 @@ fn the_watchdog_is_fed_once_for_every_tick_and_never_without_one() {
 }
 
 #[test]
-fn a_failed_save_is_tried_again() {
+fn a_saved_number_outlives_a_restart_that_was_asked_for() {
     let (mut board, crossing, mut thread) = start();
     receive(&mut board, Frame::standard(0, []));
     thread.pass(&mut board, &crossing);
-    let session = thread
-        .node()
-        .session()
-        .expect("the bus was seen")
-        .to_le_bytes();
-    let [low, high] = session;
-    // vcmdSetDeviceNumber 9.
+    let session = thread.node().session().expect("the bus was seen");
+    let [low, high] = session.to_le_bytes();
+    // vcmdSetDeviceNumber 9, then vcmdSoftReset.
     receive(
         &mut board,
         Frame::extended(0x0206_FC00, [low, high, 1, 0, 9, 0, 0, 0]),
     );
-    board.flash_fails = true;
     thread.pass(&mut board, &crossing);
-    assert!(board.saved.is_empty());
-    board.flash_fails = false;
-    board.now = board.now + TICK;
-    thread.pass(&mut board, &crossing);
-    assert_eq!(board.load().map(|stored| stored.number), Some(9));
+    assert_eq!(
+        board.kept.stored.as_ref().map(|stored| stored.number),
+        Some(9)
+    );
+    receive(
+        &mut board,
+        Frame::extended(0x0206_FC09, [low, high, 0xF1, 0, 0, 0, 0, 0]),
+    );
+    board.kept.handover = thread.pass(&mut board, &crossing);
+    assert_eq!(
+        board.kept.handover.map(|handover| handover.session),
+        Some(session)
+    );
+    thread.restart(&mut board, &crossing);
+    assert_eq!(
+        (thread.node().number(), thread.node().session()),
+        (9, Some(session))
+    );
 }

@@ -19,14 +19,13 @@ use stm32_metapac as pac;
 use windlass_core::engine::snapshot::Actuation;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
-use windlass_core::management::wire::ImageType;
-use windlass_core::node::{Handover, NodeConfig};
-use windlass_core::params::Stored;
-use windlass_core::time::{Duration, Instant};
+use windlass_core::time::Instant;
 
 use crate::chip::stm32f405_emulated as chip;
+use crate::clock::Clock;
 use crate::control::{Control, Crossing};
 use crate::fault::RECORD;
+use crate::kept::Kept;
 use crate::port::Board;
 use crate::thread::Thread;
 
@@ -67,66 +66,22 @@ static THREAD: StaticCell<Thread> = StaticCell::new();
 struct Qemu {
     bus: SlcanBus,
     clock: Clock,
-    handover: Option<Handover>,
-    stored: Option<Stored>,
-}
-
-/// Extends the 32-bit tick counter.
-#[derive(Default)]
-struct Clock {
-    latest: u32,
-    wraps: u32,
-}
-
-impl Clock {
-    fn now(&mut self) -> Instant {
-        // The tick interrupt may come between the two readings; the second then belongs to another tick.
-        let (ticks, micros) = loop {
-            let ticks = CROSSING.ticks();
-            let micros = chip::micros_of_tick();
-            if ticks == CROSSING.ticks() {
-                break (ticks, micros);
-            }
-        };
-        if ticks < self.latest {
-            self.wraps = self.wraps.wrapping_add(1);
-        }
-        self.latest = ticks;
-        let all = u64::from(self.wraps) << 32 | u64::from(ticks);
-        let tick = windlass_core::time::TICK.as_micros();
-        Instant::from_micros(all * tick) + Duration::from_micros(u64::from(micros))
-    }
+    kept: Kept,
 }
 
 impl Board for Qemu {
     type Bus = SlcanBus;
 
-    fn node_config(&self) -> NodeConfig {
-        NodeConfig {
-            image: match self.handover {
-                Some(handover) if handover.stay_in_bootloader => ImageType::Bootloader,
-                _ => ImageType::Application,
-            },
-            handover: self.handover,
-            ..NodeConfig::dmc60c(SEED)
-        }
-    }
-
     fn now(&mut self) -> Instant {
-        self.clock.now()
+        self.clock.now(&CROSSING, chip::micros_of_tick)
     }
 
     fn bus(&mut self) -> &mut SlcanBus {
         &mut self.bus
     }
 
-    fn load(&mut self) -> Option<Stored> {
-        self.stored.clone()
-    }
-
-    fn save(&mut self, stored: &Stored) -> bool {
-        self.stored = Some(stored.clone());
-        true
+    fn kept(&mut self) -> &mut Kept {
+        &mut self.kept
     }
 
     fn show(&mut self, _: Leds) {}
@@ -140,6 +95,11 @@ impl Board for Qemu {
     }
 
     fn feed_watchdog(&mut self) {}
+
+    fn idle(&mut self) {
+        serial::take_pokes();
+        cortex_m::asm::wfi();
+    }
 }
 
 /// Starts the hardware and runs thread mode.
@@ -152,14 +112,7 @@ pub fn run() -> ! {
         chip::start_tick(&mut core.SCB, &mut core.SYST);
     }
     let (board, thread) = build();
-    loop {
-        if let Some(handover) = thread.pass(board, &CROSSING) {
-            board.handover = Some(handover);
-            restart(thread, board);
-        }
-        serial::take_pokes();
-        cortex_m::asm::wfi();
-    }
+    thread.run(board, &CROSSING)
 }
 
 /// Tells the emulator's console why the program starts. Without the formatting of the standard library,
@@ -189,22 +142,13 @@ fn report_start() {
     }
 }
 
-/// Makes board and node. A function of its own, like [`restart`], so that thread mode does not keep the
-/// large stack frame that this takes.
+/// Makes board and node. A function of its own, so that thread mode does not keep the large stack frame
+/// that this takes.
 #[inline(never)]
 fn build() -> (&'static mut Qemu, &'static mut Thread) {
     let board = BOARD.init_with(Qemu::default);
-    let config = board.node_config();
+    board.kept.seed = SEED;
+    let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
     (board, thread)
-}
-
-/// Starts the node anew.
-#[inline(never)]
-fn restart(thread: &mut Thread, board: &mut Qemu) {
-    CROSSING.restart();
-    let now = board.now();
-    let config = board.node_config();
-    let stored = board.load();
-    *thread = Thread::new(now, &config, stored.as_ref());
 }
