@@ -21,6 +21,7 @@ import dmc60c  # noqa: E402 (found in the folder above)
 
 STARTUP_SECONDS = 60  # a hung start must end the test, not the patience of whoever runs it
 SILENCE_SECONDS = 20
+CLOCK_MHZ = 168
 
 
 def image() -> str:
@@ -40,7 +41,9 @@ def free_port() -> int:
 class Emulator:
     """One QEMU process and the client's ends of its two serial lines."""
 
-    def __init__(self):
+    def __init__(self, sleep: bool = True):
+        """Without `sleep` the emulator's idle time takes no time, and its clock is exact to the
+        instruction instead of near real time."""
         line, pokes = free_port(), free_port()
         self.process = subprocess.Popen([
             "qemu-system-arm", "-M", "netduinoplus2", "-kernel", image(),
@@ -48,7 +51,7 @@ class Emulator:
             "-serial", f"tcp:127.0.0.1:{line},server=on,wait=on,nodelay=on",
             "-serial", f"tcp:127.0.0.1:{pokes},server=on,wait=off,nodelay=on",
             "-semihosting-config", "enable=on,target=native",
-            "-icount", "shift=3,align=off,sleep=on",
+            "-icount", f"shift=3,align=off,sleep={'on' if sleep else 'off'}",
         ], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.line_port, self.poke_port = line, pokes
         try:
@@ -89,6 +92,14 @@ class Emulator:
         """Bytes of the stack that have been used so far."""
         return int(self._ask(b"stack\r"))
 
+    def flood(self):
+        """From now on a frame is received whenever the firmware looks for one."""
+        self._ask(b"flood\r")
+
+    def jitter(self) -> float:
+        """Difference between the earliest and the latest start of a control tick so far, in µs."""
+        return int(self._ask(b"jitter\r")) / CLOCK_MHZ
+
     def _ask(self, line: bytes) -> bytes:
         self.poker.sendall(line)
         answer = b""
@@ -113,8 +124,10 @@ class Emulator:
 class EmulatorTest(unittest.TestCase):
     """One emulator for each test."""
 
+    sleep = True
+
     def setUp(self):
-        self.emulator = Emulator()
+        self.emulator = Emulator(self.sleep)
         self.addCleanup(self.emulator.close)
         self.addCleanup(self.note_stack)
         self.bus = self.emulator.bus

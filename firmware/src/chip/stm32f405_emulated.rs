@@ -37,10 +37,16 @@ pub fn start_tick(scb: &mut SCB, timer: &mut SYST) {
     timer.enable_counter();
 }
 
+/// Processor cycles since the latest tick.
+#[must_use]
+pub fn cycles_of_tick() -> u32 {
+    RELOAD.saturating_sub(SYST::get_current())
+}
+
 /// Microseconds since the latest tick.
 #[must_use]
 pub fn micros_of_tick() -> u32 {
-    RELOAD.saturating_sub(SYST::get_current()) / CLOCK_MHZ
+    cycles_of_tick() / CLOCK_MHZ
 }
 
 /// Enables a USART for reception by interrupt and for transmission (30.6.4). Its line rate means nothing

@@ -9,6 +9,8 @@ mod poke;
 mod rig;
 mod serial;
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
@@ -39,10 +41,46 @@ type Text = Vec<u8, 64>;
 
 static CROSSING: Crossing = Crossing::new();
 
+/// How late the tick starts.
+static JITTER: Jitter = Jitter::new();
+
+/// Least and most cycles from the timer's event to the start of its handler.
+struct Jitter {
+    least: AtomicU32,
+    most: AtomicU32,
+}
+
+impl Jitter {
+    const fn new() -> Self {
+        Self {
+            least: AtomicU32::new(u32::MAX),
+            most: AtomicU32::new(0),
+        }
+    }
+
+    fn note(&self, cycles: u32) {
+        self.least.store(
+            cycles.min(self.least.load(Ordering::Relaxed)),
+            Ordering::Relaxed,
+        );
+        self.most.store(
+            cycles.max(self.most.load(Ordering::Relaxed)),
+            Ordering::Relaxed,
+        );
+    }
+
+    /// The difference.
+    fn spread(&self) -> u32 {
+        let least = self.least.load(Ordering::Relaxed);
+        self.most.load(Ordering::Relaxed).saturating_sub(least)
+    }
+}
+
 /// The control tick: nothing but the engine, and a note to the plant that it is its turn.
 #[exception]
 fn SysTick() {
     static mut CONTROL: Control = Control::new();
+    JITTER.note(chip::cycles_of_tick());
     if let Some(sample) = rig::SAMPLE.get() {
         let actuation = CONTROL.tick(&CROSSING, &sample);
         rig::ACTUATION.put(actuation);
@@ -98,7 +136,9 @@ impl Board for Qemu {
 
     fn idle(&mut self) {
         serial::take_pokes();
-        cortex_m::asm::wfi();
+        if !bus::FLOOD.load(Ordering::Relaxed) {
+            cortex_m::asm::wfi();
+        }
     }
 }
 

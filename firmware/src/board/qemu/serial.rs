@@ -1,6 +1,7 @@
 //! The two serial lines: interrupts move bytes into queues, thread mode empties them.
 
 use core::cell::RefCell;
+use core::sync::atomic::Ordering;
 
 use critical_section::Mutex;
 use heapless::Deque;
@@ -71,7 +72,14 @@ pub(super) fn take_pokes() {
         let line = critical_section::with(|token| READER.borrow_ref_mut(token).push(byte));
         let Some(line) = line else { continue };
         let answer: &[u8] = match &line {
-            Line::Content(content) if content == b"stack" => &high_water(),
+            Line::Content(content) if content == b"stack" => &number(stack::high_water()),
+            Line::Content(content) if content == b"flood" => {
+                super::bus::FLOOD.store(true, Ordering::Relaxed);
+                b"ok\r"
+            }
+            Line::Content(content) if content == b"jitter" => {
+                &number(super::JITTER.spread() as usize)
+            }
             Line::Content(content) if poke::parse(content).is_some_and(rig::poke) => b"ok\r",
             _ => b"error\r",
         };
@@ -79,9 +87,8 @@ pub(super) fn take_pokes() {
     }
 }
 
-/// Bytes of the stack that have been used so far, five digits.
-fn high_water() -> [u8; 6] {
-    let mut rest = stack::high_water();
+/// A number as a line of five digits.
+fn number(mut rest: usize) -> [u8; 6] {
     let mut text = *b"00000\r";
     for digit in text.iter_mut().take(5).rev() {
         *digit = b'0' + (rest % 10) as u8;
