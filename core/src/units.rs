@@ -35,14 +35,8 @@ impl Duty {
 
     /// A duty cycle from a wider number, saturated at full forward or full reverse.
     #[must_use]
-    pub const fn saturating(units: i32) -> Self {
-        if units > i16::MAX as i32 {
-            Self::MAX
-        } else if units < i16::MIN as i32 {
-            Self::MIN
-        } else {
-            Self(units as i16)
-        }
+    pub fn saturating(units: i32) -> Self {
+        Self(units.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16)
     }
 
     /// The duty cycle in throttle units.
@@ -53,8 +47,8 @@ impl Duty {
 
     /// The duty cycle in the other direction. Full reverse turns into full forward (32767).
     #[must_use]
-    pub const fn reversed(self) -> Self {
-        Self::saturating(-(self.0 as i32))
+    pub fn reversed(self) -> Self {
+        Self::saturating(-i32::from(self.0))
     }
 
     /// Size of the duty cycle without its direction, 0 to 32768.

@@ -6,15 +6,12 @@
 //! that the first cap equals the duty cycle just applied. Source: DMC60C guide,
 //! `paramContinuousCurrentLimit` to `paramPeakCurrentDuration`; `docs/dmc60c.md` for begin and end.
 
-use super::pidf::product;
+use super::pidf::{operand, product};
 use super::settings::CurrentLimit;
 use crate::time::TICKS_PER_MS;
 
 /// The request must stay below the cap this long before limiting ends.
 const END_AFTER_TICKS: u16 = (10 * TICKS_PER_MS) as u16;
-
-/// Errors are limited to this size, as in [`super::pidf`], so that no sum overflows.
-const ERROR_LIMIT: i32 = 1 << 28;
 
 /// The integral part never leaves ± this (512 times full throttle in 32.32).
 const INTEGRAL_LIMIT: i64 = 1 << 56;
@@ -68,10 +65,7 @@ impl CurrentLimiter {
             self.reset();
             return None;
         }
-        let error = settings
-            .continuous
-            .wrapping_sub(current)
-            .clamp(-ERROR_LIMIT, ERROR_LIMIT);
+        let error = operand(settings.continuous.wrapping_sub(current));
         let mut active = match self.active {
             Some(active) => active,
             None => {

@@ -9,8 +9,14 @@
 //! 2⁶² (I) + 2⁵⁹ (P) + 2⁶⁰ (D) + 2⁵⁹ (F) < 2⁶³. Saturating every product instead would double the cost
 //! and change no result that a motor can show.
 
-/// Largest size of an error or a target that the law works with.
-const OPERAND_LIMIT: i32 = 1 << 28;
+/// Errors and targets are saturated to 29 bits, sign included: one instruction (SSAT) on a Cortex-M.
+const OPERAND_MAX: i32 = (1 << 28) - 1;
+const OPERAND_MIN: i32 = -(1 << 28);
+
+/// An error or a target as the law works with it.
+pub(super) fn operand(value: i32) -> i32 {
+    value.clamp(OPERAND_MIN, OPERAND_MAX)
+}
 
 /// Gains of one control law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +79,8 @@ impl Pidf {
     ///
     /// In the first step after a reset the derivative is 0.
     pub fn step(&mut self, gains: &Gains, target: i32, error: i32, unit: Unit) -> i32 {
-        let target = target.clamp(-OPERAND_LIMIT, OPERAND_LIMIT);
-        let error = error.clamp(-OPERAND_LIMIT, OPERAND_LIMIT);
+        let target = operand(target);
+        let error = operand(error);
         let change = if self.running {
             error.wrapping_sub(self.previous_error)
         } else {
@@ -240,9 +246,8 @@ mod tests {
             let mut law = Pidf::default();
             let (mut accumulator, mut previous) = (0_i128, None);
             for (target, error) in inputs {
-                let bound = i128::from(OPERAND_LIMIT);
-                let t = i128::from(target).clamp(-bound, bound);
-                let e = i128::from(error).clamp(-bound, bound);
+                let limited = |value: i32| i128::from(value).clamp(-(1 << 28), (1 << 28) - 1);
+                let (t, e) = (limited(target), limited(error));
                 let mut sum = i128::from(f) * t;
                 if e.abs() < i128::from(allowable) {
                     accumulator = 0;
