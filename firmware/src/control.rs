@@ -97,10 +97,7 @@ impl Control {
         let (Some(settings), Some(command)) = (&self.settings, &self.command) else {
             return Actuation::Off;
         };
-        let mut snapshot = Snapshot::default();
-        let actuation = self
-            .engine
-            .tick_into(settings, sample, command, &mut snapshot);
+        let (actuation, snapshot) = self.engine.tick(settings, sample, command);
         crossing.snapshot.put(Some(snapshot));
         actuation
     }

@@ -431,21 +431,6 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_into_a_used_snapshot_equals_a_tick_that_makes_its_own() {
-        let (mut one, mut other) = (Engine::new(), Engine::new());
-        let mut exercise = Exercise::new(2);
-        let mut used = Snapshot::default();
-        for tick in 0..100_000 {
-            exercise.advance(used.actuation);
-            let (settings, sample, command) =
-                (exercise.settings, exercise.sample, exercise.command);
-            let actuation = one.tick_into(&settings, &sample, &command, &mut used);
-            let expected = other.tick(&settings, &sample, &command);
-            assert_eq!((actuation, used), expected, "tick {tick}");
-        }
-    }
-
-    #[test]
     fn every_tick_and_every_field_shows_in_the_fingerprint() {
         let of = |snapshots: &[Snapshot]| {
             let mut fingerprint = Fingerprint::new();

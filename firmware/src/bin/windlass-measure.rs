@@ -38,9 +38,8 @@ fn measured_tick(
     settings: &Settings,
     sample: &Sample,
     command: &Command,
-    snapshot: &mut Snapshot,
-) -> Actuation {
-    engine.tick_into(settings, sample, command, snapshot)
+) -> (Actuation, Snapshot) {
+    engine.tick(settings, sample, command)
 }
 
 #[unsafe(no_mangle)]
@@ -106,12 +105,11 @@ fn engine() -> Snapshot {
     let mut snapshot = Snapshot::default();
     for _ in 0..TICKS {
         exercise.advance(snapshot.actuation);
-        measured_tick(
+        (_, snapshot) = measured_tick(
             &mut engine,
             &exercise.settings,
             &exercise.sample,
             &exercise.command,
-            &mut snapshot,
         );
     }
     snapshot
