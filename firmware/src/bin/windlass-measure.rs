@@ -105,12 +105,13 @@ fn engine() -> Snapshot {
     let mut snapshot = Snapshot::default();
     for _ in 0..TICKS {
         exercise.advance(snapshot.actuation);
-        (_, snapshot) = measured_tick(
+        let result = measured_tick(
             &mut engine,
             &exercise.settings,
             &exercise.sample,
             &exercise.command,
         );
+        snapshot = result.1;
     }
     snapshot
 }
