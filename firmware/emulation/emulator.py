@@ -54,6 +54,7 @@ class Emulator:
             "-icount", f"shift=3,align=off,sleep={'on' if sleep else 'off'}",
         ], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.line_port, self.poke_port = line, pokes
+        self.printed = None
         try:
             self._connect()
         except BaseException:
@@ -64,13 +65,16 @@ class Emulator:
         self.bus = self._retry(lambda: can.Bus(
             interface="slcan", channel=f"socket://127.0.0.1:{self.line_port}", bitrate=1_000_000,
             sleep_after_open=0))
-        # What is sent before the firmware has switched its serial line on is lost.
+        self.wait_until_up()
+        self.poker = self._retry(lambda: socket.create_connection(("127.0.0.1", self.poke_port)))
+        self.poker.settimeout(SILENCE_SECONDS)
+
+    def wait_until_up(self):
+        """What is sent before the firmware has switched its serial line on is lost."""
         end = time.monotonic() + STARTUP_SECONDS
         while self.bus.get_version(0.2) == (None, None):
             if time.monotonic() > end:
                 raise TimeoutError("the firmware does not answer on its serial line")
-        self.poker = self._retry(lambda: socket.create_connection(("127.0.0.1", self.poke_port)))
-        self.poker.settimeout(SILENCE_SECONDS)
 
     def _retry(self, attempt):
         end = time.monotonic() + STARTUP_SECONDS
@@ -92,6 +96,10 @@ class Emulator:
         """Bytes of the stack that have been used so far."""
         return int(self._ask(b"stack\r"))
 
+    def crash(self, how: str):
+        """Ends the program by "panic", "fault" or "interrupt"; it restarts."""
+        self.poker.sendall(f"crash {how}\r".encode())
+
     def flood(self):
         """From now on a frame is received whenever the firmware looks for one."""
         self._ask(b"flood\r")
@@ -111,14 +119,17 @@ class Emulator:
         return answer
 
     def close(self) -> str:
-        """Ends the process and gives what it printed."""
+        """Ends the process and gives what it printed; once, then the same again."""
+        if self.printed is not None:
+            return self.printed
         if hasattr(self, "bus"):
             self.bus.shutdown()
         if hasattr(self, "poker"):
             self.poker.close()
         self.process.terminate()
         output, errors = self.process.communicate(timeout=STARTUP_SECONDS)
-        return output + errors
+        self.printed = output + errors
+        return self.printed
 
 
 class EmulatorTest(unittest.TestCase):

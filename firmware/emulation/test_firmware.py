@@ -5,6 +5,7 @@ error states, PWM and dead time, the analog converter, flash, LEDs, the brake/co
 input and the watchdog.
 """
 
+import time
 import unittest
 
 from emulator import EmulatorTest, dmc60c
@@ -183,6 +184,33 @@ class Driving(EmulatorTest):
         seen = self.drive(dmc60c.VOLTAGE, DUTY, periods=10)
         self.assertEqual(self.general(seen).duty, 0)
         self.assertTrue(self.general(seen).gate_driver)
+
+
+class Crash(EmulatorTest):
+    def crash(self, how: str) -> str:
+        """Crashes while the motor is driven; gives the console's line about it."""
+        self.enumerate()
+        self.drive(dmc60c.VOLTAGE, DUTY)
+        self.quiet()
+        self.emulator.crash(how)
+        time.sleep(0.2)
+        self.emulator.wait_until_up()
+        # A new node: it has forgotten the bus, and its output is off.
+        seen = self.ask(dmc60c.enumerate_request(), periods=20)
+        self.assertEqual(self.general(seen).duty, 0)
+        lines = self.emulator.close().splitlines()
+        return [line for line in lines if "restarted" in line][-1]
+
+    def test_a_panic_is_recorded_and_ends_in_a_restart(self):
+        self.assertRegex(self.crash("panic"), r"cause 00000002 0000[0-9a-f]{4} [0-9a-f]{8}$")
+
+    def test_a_processor_fault_is_recorded_and_ends_in_a_restart(self):
+        # Bit 16 of the fault status: undefined instruction.
+        self.assertRegex(self.crash("fault"), r"cause 00000003 00010000 [0-9a-f]{8}$")
+
+    def test_an_unexpected_interrupt_is_recorded_and_ends_in_a_restart(self):
+        # TIM5 is interrupt 50.
+        self.assertRegex(self.crash("interrupt"), r"cause 00000004 00000032 00000000$")
 
 
 class Flood(EmulatorTest):

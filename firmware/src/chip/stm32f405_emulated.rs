@@ -87,3 +87,10 @@ pub fn write(serial: Usart, bytes: &[u8]) {
         serial.dr().write(|data| data.set_dr(u16::from(*byte)));
     }
 }
+
+/// Makes an interrupt that nothing handles.
+pub fn interrupt_without_handler() {
+    // SAFETY: this is what the trap of unexpected interrupts is for; nothing waits for this interrupt.
+    unsafe { NVIC::unmask(interrupt::TIM5) };
+    NVIC::pend(interrupt::TIM5);
+}

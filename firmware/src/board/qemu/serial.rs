@@ -71,6 +71,9 @@ pub(super) fn take_pokes() {
     while let Some(byte) = next(POKES, &POKE_BYTES) {
         let line = critical_section::with(|token| READER.borrow_ref_mut(token).push(byte));
         let Some(line) = line else { continue };
+        if let Line::Content(content) = &line {
+            crash(content);
+        }
         let answer: &[u8] = match &line {
             Line::Content(content) if content == b"stack" => &number(stack::high_water()),
             Line::Content(content) if content == b"flood" => {
@@ -84,6 +87,16 @@ pub(super) fn take_pokes() {
             _ => b"error\r",
         };
         chip::write(POKES, answer);
+    }
+}
+
+/// Ends the program in the way that is asked for, so that a test can see what is left of it.
+fn crash(how: &[u8]) {
+    match how {
+        b"crash panic" => panic!("asked for"),
+        b"crash fault" => cortex_m::asm::udf(),
+        b"crash interrupt" => chip::interrupt_without_handler(),
+        _ => {}
     }
 }
 
