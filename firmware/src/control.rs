@@ -97,9 +97,9 @@ impl Control {
         let (Some(settings), Some(command)) = (&self.settings, &self.command) else {
             return Actuation::Off;
         };
-        let (actuation, snapshot) = self.engine.tick(settings, sample, command);
+        let snapshot = self.engine.tick(settings, sample, command);
         crossing.snapshot.put(Some(snapshot));
-        actuation
+        snapshot.actuation
     }
 }
 

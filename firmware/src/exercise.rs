@@ -375,8 +375,8 @@ pub fn run(seed: u32, mut report: impl FnMut(u32, u64)) {
     let mut actuation = Actuation::Off;
     for tick in 1..=TICKS {
         exercise.advance(actuation);
-        let (next, snapshot) = engine.tick(&exercise.settings, &exercise.sample, &exercise.command);
-        actuation = next;
+        let snapshot = engine.tick(&exercise.settings, &exercise.sample, &exercise.command);
+        actuation = snapshot.actuation;
         fingerprint.add(&snapshot);
         if tick.is_multiple_of(REPORT_TICKS) {
             report(tick, fingerprint.value());
@@ -400,9 +400,8 @@ mod tests {
         let (mut braked, mut driven) = (0, 0);
         for _ in 0..200_000 {
             exercise.advance(actuation);
-            let (next, snapshot) =
-                engine.tick(&exercise.settings, &exercise.sample, &exercise.command);
-            actuation = next;
+            let snapshot = engine.tick(&exercise.settings, &exercise.sample, &exercise.command);
+            actuation = snapshot.actuation;
             if matches!(actuation, Actuation::Drive(_)) {
                 modes.insert(snapshot.mode as u8);
                 driven += 1;

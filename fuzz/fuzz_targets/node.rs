@@ -56,7 +56,7 @@ fuzz_target!(|input: &[u8]| {
         for _ in 0..ticks {
             now = now + TICK;
             let (settings, command) = (*node.settings(), *node.command());
-            snapshot = engine.tick(&settings, &sample, &command).1;
+            snapshot = engine.tick(&settings, &sample, &command);
             node.poll(now, &snapshot);
             if !snapshot.faults.is_empty() || snapshot.state != DriveState::Running {
                 assert_eq!(snapshot.duty().units(), 0);

@@ -235,8 +235,9 @@ impl SimNode {
                 });
             }
             self.fresh = false;
-            (self.actuation, self.snapshot) = self.engine.tick(settings, &sample, command);
-            self.hash.update(self.actuation, &self.snapshot);
+            self.snapshot = self.engine.tick(settings, &sample, command);
+            self.actuation = self.snapshot.actuation;
+            self.hash.update(&self.snapshot);
         }
         node.poll(now, &self.snapshot);
         self.act();

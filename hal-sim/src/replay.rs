@@ -34,8 +34,8 @@ impl ActuationHash {
     }
 
     /// Takes the result of one tick: actuation, neutral, mode, state, faults, error, position, velocity.
-    pub(crate) fn update(&mut self, actuation: Actuation, snapshot: &Snapshot) {
-        let (kind, duty) = match actuation {
+    pub(crate) fn update(&mut self, snapshot: &Snapshot) {
+        let (kind, duty) = match snapshot.actuation {
             Actuation::Off => (0, 0),
             Actuation::Brake => (1, 0),
             Actuation::Drive(duty) => (2, duty.units()),
@@ -71,8 +71,8 @@ pub fn replay(records: &[TickRecord]) -> u64 {
         if record.fresh {
             engine = Engine::new();
         }
-        let (actuation, snapshot) = engine.tick(&record.settings, &record.sample, &record.command);
-        hash.update(actuation, &snapshot);
+        let snapshot = engine.tick(&record.settings, &record.sample, &record.command);
+        hash.update(&snapshot);
     }
     hash.value()
 }
@@ -85,7 +85,10 @@ mod tests {
     fn hash(actuations: &[Actuation]) -> u64 {
         let mut hash = ActuationHash::new();
         for actuation in actuations {
-            hash.update(*actuation, &Snapshot::default());
+            hash.update(&Snapshot {
+                actuation: *actuation,
+                ..Snapshot::default()
+            });
         }
         hash.value()
     }

@@ -26,7 +26,7 @@ use command::{Command, Neutral, Setpoint};
 use fault::FaultMonitor;
 use limit::{Direction, judge};
 use mode::{Event, Follower, Liveness, PulseInput, mode_of, transition};
-use output::{Output, Request, Shape};
+use output::{ActiveLimits, Output, Request, Shape};
 use pidf::{Pidf, Unit};
 use sensor::{Measured, Sensors};
 pub use settings::{Board, Policy, Settings};
@@ -71,16 +71,12 @@ impl Engine {
         }
     }
 
-    /// One control tick. Must be called every 500 µs; the result is to be given to the bridge at once.
+    /// One control tick. Must be called every 500 µs; the actuation in the snapshot is to be given to the
+    /// bridge at once.
     ///
     /// `settings`, `sample` and `command` may be anything: no input panics, and the duty cycle never
     /// leaves the effective limits.
-    pub fn tick(
-        &mut self,
-        settings: &Settings,
-        sample: &Sample,
-        command: &Command,
-    ) -> (Actuation, Snapshot) {
+    pub fn tick(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> Snapshot {
         let following = matches!(command.setpoint, Setpoint::Follow(_));
         let reverse_sensor = command.opts.reverse_sensor && !following;
         let measured = self
@@ -105,64 +101,56 @@ impl Engine {
             .follower
             .update(&settings.policy, setpoint, command.master);
 
-        let override_limits = command.opts.limits;
-        let pins = &sample.pins;
-        let mut snapshot = Snapshot {
+        let neutral = self.neutral(settings, command);
+        let mut limits = judge_both(settings, command, sample, measured.position);
+        let (actuation, error) = if self.state != DriveState::Running || self.is_faulted() {
+            self.law.reset();
+            self.output.reset();
+            (self.idle(neutral), 0)
+        } else {
+            let request = self.request(settings, command, setpoint, master, &measured);
+            let duty = self
+                .output
+                .apply(settings, &measured, &request, &mut limits);
+            let error = reported_error(setpoint, &request, duty, &measured);
+            (actuate(duty, neutral), error)
+        };
+
+        Snapshot {
             mode,
             state: self.state,
             faults: self.faults.active(),
             fault_events: self.faults.events(),
-            neutral: self.neutral(settings, command),
+            actuation,
+            neutral,
             opts: command.opts,
+            error,
             position: measured.position,
             velocity: measured.velocity,
             current: Amps::from_bits(measured.current),
             bus_voltage: Volts::from_bits(measured.bus_voltage),
             temperature: Celsius::from_bits(measured.temperature),
             analog_in: Volts::from_bits(measured.analog_in),
-            pins: *pins,
-            forward: judge(
-                Direction::Forward,
-                &settings.forward,
-                override_limits,
-                pins.forward_limit,
-                measured.position,
-            ),
-            reverse: judge(
-                Direction::Reverse,
-                &settings.reverse,
-                override_limits,
-                pins.reverse_limit,
-                measured.position,
-            ),
+            pins: sample.pins,
+            forward: limits.forward,
+            reverse: limits.reverse,
+            current_limited: limits.current_limited,
             pulse_valid: self.pulse.is_valid(),
-            ..Snapshot::default()
-        };
-
-        if self.state == DriveState::Running && snapshot.faults.is_empty() {
-            let request = self.request(settings, command, setpoint, master, &measured);
-            let duty = self
-                .output
-                .apply(settings, &measured, &request, &mut snapshot);
-            snapshot.error = reported_error(setpoint, &request, duty, &measured);
-            snapshot.actuation = match (duty, snapshot.neutral) {
-                (Duty::ZERO, Neutral::Brake) => Actuation::Brake,
-                (Duty::ZERO, Neutral::Coast) => Actuation::Off,
-                (duty, _) => Actuation::Drive(duty),
-            };
-        } else {
-            self.law.reset();
-            self.output.reset();
-            let brakes = self.state == DriveState::Halted
-                && snapshot.faults.is_empty()
-                && snapshot.neutral == Neutral::Brake;
-            snapshot.actuation = if brakes {
-                Actuation::Brake
-            } else {
-                Actuation::Off
-            };
         }
-        (snapshot.actuation, snapshot)
+    }
+
+    const fn is_faulted(&self) -> bool {
+        !self.faults.active().is_empty()
+    }
+
+    /// What the bridge does while nothing is driven: floats unless the drive is halted, without a fault,
+    /// and brakes at neutral.
+    fn idle(&self, neutral: Neutral) -> Actuation {
+        if self.state == DriveState::Halted && !self.is_faulted() {
+            actuate(Duty::ZERO, neutral)
+        } else {
+            Actuation::Off
+        }
     }
 
     fn advance_state(&mut self, settings: &Settings, command: &Command) {
@@ -247,6 +235,42 @@ impl Engine {
             duty
         };
         Request { duty, error, shape }
+    }
+}
+
+/// What the bridge does with a duty cycle.
+const fn actuate(duty: Duty, neutral: Neutral) -> Actuation {
+    match (duty, neutral) {
+        (Duty::ZERO, Neutral::Brake) => Actuation::Brake,
+        (Duty::ZERO, Neutral::Coast) => Actuation::Off,
+        (duty, _) => Actuation::Drive(duty),
+    }
+}
+
+/// Judges the limits of both directions.
+fn judge_both(
+    settings: &Settings,
+    command: &Command,
+    sample: &Sample,
+    position: i32,
+) -> ActiveLimits {
+    let (over, pins) = (command.opts.limits, &sample.pins);
+    ActiveLimits {
+        forward: judge(
+            Direction::Forward,
+            &settings.forward,
+            over,
+            pins.forward_limit,
+            position,
+        ),
+        reverse: judge(
+            Direction::Reverse,
+            &settings.reverse,
+            over,
+            pins.reverse_limit,
+            position,
+        ),
+        current_limited: false,
     }
 }
 

@@ -4,7 +4,7 @@
 use super::current_limit::CurrentLimiter;
 use super::sensor::Measured;
 use super::settings::{Derating, Settings, SlotSettings};
-use super::snapshot::Snapshot;
+use super::snapshot::LimitStatus;
 use crate::units::Duty;
 
 /// How a request is shaped.
@@ -31,6 +31,13 @@ pub(super) struct Request<'a> {
     pub(super) shape: Shape<'a>,
 }
 
+/// What limits the output in this tick.
+pub(super) struct ActiveLimits {
+    pub(super) forward: LimitStatus,
+    pub(super) reverse: LimitStatus,
+    pub(super) current_limited: bool,
+}
+
 /// State of the output. Its ramp starts from the applied value, so whatever limits the output also holds
 /// the ramp, and a release is never a jump.
 #[derive(Clone, Copy, Debug, Default)]
@@ -52,13 +59,13 @@ impl Output {
         *self = Self::new();
     }
 
-    /// Shapes one request; reports refused directions and current limiting in `snapshot`.
+    /// Shapes one request; reports refused directions and current limiting in `limits`.
     pub(super) fn apply(
         &mut self,
         settings: &Settings,
         measured: &Measured,
         request: &Request<'_>,
-        snapshot: &mut Snapshot,
+        limits: &mut ActiveLimits,
     ) -> Duty {
         let requested = i32::from(request.duty.units());
         let mut duty = match request.shape {
@@ -79,16 +86,16 @@ impl Output {
             self.applied.abs(),
             duty.abs(),
         );
-        snapshot.current_limited = cap.is_some();
+        limits.current_limited = cap.is_some();
         let derated = settings.board.thresholds.derating.cap(measured.temperature);
         let cap = cap.unwrap_or(Derating::FULL).min(derated);
         duty = duty.min(cap).max(-cap);
-        if duty > 0 && snapshot.forward.blocked {
-            snapshot.forward.refused = true;
+        if duty > 0 && limits.forward.blocked {
+            limits.forward.refused = true;
             duty = 0;
         }
-        if duty < 0 && snapshot.reverse.blocked {
-            snapshot.reverse.refused = true;
+        if duty < 0 && limits.reverse.blocked {
+            limits.reverse.refused = true;
             duty = 0;
         }
         let duty = Duty::saturating(duty);

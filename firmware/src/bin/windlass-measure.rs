@@ -38,7 +38,7 @@ fn measured_tick(
     settings: &Settings,
     sample: &Sample,
     command: &Command,
-) -> (Actuation, Snapshot) {
+) -> Snapshot {
     engine.tick(settings, sample, command)
 }
 
@@ -105,13 +105,12 @@ fn engine() -> Snapshot {
     let mut snapshot = Snapshot::default();
     for _ in 0..TICKS {
         exercise.advance(snapshot.actuation);
-        let result = measured_tick(
+        snapshot = measured_tick(
             &mut engine,
             &exercise.settings,
             &exercise.sample,
             &exercise.command,
         );
-        snapshot = result.1;
     }
     snapshot
 }

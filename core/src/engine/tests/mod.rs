@@ -68,10 +68,9 @@ impl Rig {
 
     pub(super) fn tick(&mut self) -> i16 {
         let settings = compile::settings(&self.params, &Board::REFERENCE, &self.policy);
-        let (actuation, snapshot) = self.engine.tick(&settings, &self.sample, &self.command);
-        assert_eq!(actuation, snapshot.actuation);
+        let snapshot = self.engine.tick(&settings, &self.sample, &self.command);
         self.snapshot = snapshot;
-        actuation.duty().units()
+        snapshot.duty().units()
     }
 
     pub(super) fn ticks(&mut self, count: usize) -> i16 {

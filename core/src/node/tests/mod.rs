@@ -88,7 +88,7 @@ impl Bench {
         for _ in 0..ticks {
             self.now = self.now + TICK;
             let (settings, command) = (*self.node.settings(), *self.node.command());
-            self.snapshot = self.engine.tick(&settings, &self.sample, &command).1;
+            self.snapshot = self.engine.tick(&settings, &self.sample, &command);
             self.node.poll(self.now, &self.snapshot);
             self.flush();
         }
