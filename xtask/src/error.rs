@@ -28,6 +28,9 @@ pub(crate) enum Error {
         "no linker for Arm found; install one: apt-get install binutils-arm-none-eabi (or lld)"
     )]
     NoLinker,
+    /// There is no chip to flash.
+    #[error("the board `{0}` is emulated and cannot be flashed; `cargo xtask qemu-test` runs it")]
+    Emulated(&'static str),
     /// A program is not installed.
     #[error("{program} is not installed; install it: {hint}")]
     Missing {

@@ -7,13 +7,16 @@ use crate::board::{self, Board};
 use crate::calls::CallGraph;
 use crate::error::Error;
 use crate::image::{self, Image};
-use crate::toolchain::{TARGET, Toolchain};
+use crate::toolchain::{TARGET, Toolchain, in_path};
 
 /// The application's program.
 pub(crate) const APPLICATION: &str = "windlass-app";
 
-/// Builds for the board with this name and reports.
-pub(crate) fn run(name: &str) -> Result<(), Error> {
+/// Writes images into chips.
+const PROBE: &str = "probe-rs";
+
+/// Builds for the board with this name, reports and gives the image's file.
+pub(crate) fn run(name: &str) -> Result<PathBuf, Error> {
     let board = board::find(name)?;
     let toolchain = Toolchain::find()?;
     println!("board      {} ({})", board.name, board.about);
@@ -33,13 +36,32 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
     println!("\nelf  {}", elf.display());
     println!("bin  {} (application slot alone)", binary.display());
     println!("hex  {}", hex.display());
-    if let Some(chip) = board.probe_chip {
-        println!(
-            "\nto flash it: probe-rs run --chip {chip} {}",
-            elf.display()
-        );
+    if board.probe_chip.is_some() {
+        println!("\nto flash it: cargo xtask flash --board {}", board.name);
     }
-    Ok(())
+    Ok(elf)
+}
+
+/// Builds for the board with this name, writes the image into its chip with probe-rs and starts it.
+pub(crate) fn flash(name: &str) -> Result<(), Error> {
+    let board = board::find(name)?;
+    let Some(chip) = board.probe_chip else {
+        return Err(Error::Emulated(board.name));
+    };
+    if !in_path(PROBE) {
+        return Err(Error::Missing {
+            program: PROBE,
+            hint: "cargo install probe-rs-tools --locked",
+        });
+    }
+    let elf = run(name)?;
+    let hint = "is the probe connected and the board powered?";
+    let mut download = Command::new(PROBE);
+    download.args(["download", "--chip", chip]).arg(elf);
+    checked(PROBE, &mut download, hint)?;
+    let mut reset = Command::new(PROBE);
+    reset.args(["reset", "--chip", chip]);
+    checked(PROBE, &mut reset, hint)
 }
 
 /// Builds one program for one board and gives its file.

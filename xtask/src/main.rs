@@ -32,6 +32,12 @@ enum Command {
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
     },
+    /// Builds the firmware of one board and flashes it with probe-rs
+    Flash {
+        /// Board to build for
+        #[arg(long, default_value = board::DEFAULT)]
+        board: String,
+    },
     /// Counts the instructions of the core's hot paths in QEMU
     Measure,
     /// Compares a million ticks of the engine here with those on an emulated Cortex-M4
@@ -49,7 +55,8 @@ enum Command {
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
-        Command::Firmware { board } => firmware::run(&board),
+        Command::Firmware { board } => firmware::run(&board).map(|_| ()),
+        Command::Flash { board } => firmware::flash(&board),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
         Command::Stack => stack::run(),
