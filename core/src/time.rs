@@ -69,17 +69,6 @@ impl Duration {
     pub const fn as_micros(self) -> u64 {
         self.0
     }
-
-    /// The span in whole control ticks, rounded down, at most `u32::MAX`.
-    #[must_use]
-    pub const fn as_ticks(self) -> u32 {
-        let ticks = self.0 / TICK.0;
-        if ticks > u32::MAX as u64 {
-            u32::MAX
-        } else {
-            ticks as u32
-        }
-    }
 }
 
 impl Add<Duration> for Instant {
@@ -110,7 +99,7 @@ mod tests {
     #[test]
     fn a_tick_is_half_a_millisecond() {
         assert_eq!(Duration::from_ticks(TICKS_PER_MS), Duration::from_millis(1));
-        assert_eq!(Duration::from_millis(104).as_ticks(), 208);
+        assert_eq!(Duration::from_millis(104), Duration::from_ticks(208));
     }
 
     #[test]

@@ -24,6 +24,17 @@ pub(crate) fn require() -> Result<(), Error> {
     }
 }
 
+/// The emulator with an image that reports through semihosting and ends by itself.
+pub(crate) fn qemu(elf: &Path) -> Command {
+    let mut qemu = Command::new(QEMU);
+    qemu.args(["-M", "netduinoplus2", "-display", "none"])
+        .args(["-monitor", "none", "-serial", "none"])
+        .args(["-semihosting-config", "enable=on,target=native"])
+        .arg("-kernel")
+        .arg(elf);
+    qemu
+}
+
 /// Builds the image of the emulated board and runs the Python tests against it. `names` are unittest
 /// names; none runs all.
 pub(crate) fn test(names: &[String]) -> Result<(), Error> {

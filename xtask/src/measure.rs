@@ -96,25 +96,8 @@ pub(crate) fn run() -> Result<(), Error> {
         let address = image.symbol(subject.symbol)?;
         argument.push_str(&format!(",watch={}:{address:#x}", subject.symbol));
     }
-    let mut qemu = Command::new(QEMU);
-    qemu.args([
-        "-M",
-        "netduinoplus2",
-        "-display",
-        "none",
-        "-monitor",
-        "none",
-    ])
-    .args([
-        "-serial",
-        "none",
-        "-semihosting-config",
-        "enable=on,target=native",
-    ])
-    .arg("-kernel")
-    .arg(&elf)
-    .arg("-plugin")
-    .arg(argument);
+    let mut qemu = emulator::qemu(&elf);
+    qemu.arg("-plugin").arg(argument);
     checked(QEMU, &mut qemu, "apt-get install qemu-system-arm")?;
     let text = fs::read_to_string(&counts).map_err(|cause| Error::File {
         path: counts.clone(),

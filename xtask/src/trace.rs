@@ -1,7 +1,6 @@
 //! `cargo xtask trace`: the engine decides the same, bit for bit, here and on an emulated Cortex-M4.
 
 use std::fmt::Write as _;
-use std::process::Command;
 
 use windlass_firmware::exercise::{self, SEED};
 
@@ -24,23 +23,7 @@ pub(crate) fn run() -> Result<(), Error> {
         // Writing to a string cannot fail.
         let _ = writeln!(here, "{ticks} {fingerprint:016x}");
     });
-    let output = Command::new(QEMU)
-        .args([
-            "-M",
-            "netduinoplus2",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-        ])
-        .args([
-            "-serial",
-            "none",
-            "-semihosting-config",
-            "enable=on,target=native",
-        ])
-        .arg("-kernel")
-        .arg(elf)
+    let output = emulator::qemu(&elf)
         .output()
         .map_err(|cause| Error::Start {
             program: QEMU.to_owned(),

@@ -70,8 +70,8 @@ impl Pidf {
     }
 
     /// Sum of errors.
-    #[must_use]
-    pub const fn accumulator(&self) -> i32 {
+    #[cfg(test)]
+    const fn accumulator(&self) -> i32 {
         self.accumulator
     }
 
