@@ -96,6 +96,18 @@ impl<B: Bus> Client<B> {
         Ok(())
     }
 
+    /// Puts several frames on the bus, in this order.
+    ///
+    /// # Errors
+    /// The bus failed; some of the frames may have been sent.
+    pub fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        self.bus.send_all(frames)?;
+        for frame in frames {
+            self.count(frame);
+        }
+        Ok(())
+    }
+
     /// Waits for the next frame, at most `timeout`, and takes note of what it says.
     ///
     /// # Errors
