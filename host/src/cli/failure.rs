@@ -20,6 +20,8 @@ pub enum Kind {
     NoAnswer = 5,
     /// The device refused, or a value is out of range.
     Refused = 6,
+    /// A firmware or key file cannot be used.
+    File = 8,
 }
 
 impl Kind {
@@ -33,6 +35,7 @@ impl Kind {
             Self::NoDevice => "no-device",
             Self::NoAnswer => "no-answer",
             Self::Refused => "refused",
+            Self::File => "file",
         }
     }
 }

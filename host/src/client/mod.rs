@@ -10,6 +10,7 @@ mod error;
 mod parameter;
 mod selector;
 mod status;
+mod update;
 mod vendor;
 
 use std::collections::BTreeMap;

@@ -226,7 +226,7 @@ fn read_section<'a>(
         return Err(bad("overlaps the one before or is out of order"));
     }
     let size = CrfError::BadSectionSize { index, length };
-    if length == 0 || length as usize % PAGE_SIZE != 0 {
+    if length == 0 || !(length as usize).is_multiple_of(PAGE_SIZE) {
         return Err(size);
     }
     let data = rest.take(length as usize).ok_or(size)?;

@@ -7,6 +7,7 @@ mod bytes;
 pub mod container;
 pub mod crf;
 pub mod elf;
+mod error;
 mod file;
 pub mod hex;
 pub mod key;
@@ -20,7 +21,8 @@ use windlass_core::boot::image::{
     signed_message, verify,
 };
 
-pub use file::{Contents, FileError, Format, load, parse};
+pub use error::FileError;
+pub use file::{Contents, Format, load, parse};
 pub use pages::Pages;
 
 use memory::Memory;
