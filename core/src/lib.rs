@@ -19,7 +19,9 @@
     )
 )]
 
+pub mod boot;
 pub mod bridge;
+pub mod crc;
 pub mod dialect;
 pub mod engine;
 pub mod field;
