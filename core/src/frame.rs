@@ -2,16 +2,44 @@
 
 use embedded_can::{ExtendedId, Id, StandardId};
 
+/// Bit of [`Frame`]'s identifier word: the identifier has 29 bits.
+const EXTENDED: u32 = 1 << 31;
+/// Bit of [`Frame`]'s identifier word: a remote frame.
+const REMOTE: u32 = 1 << 30;
+/// Largest 29-bit identifier.
+const EXTENDED_MAX: u32 = 0x1FFF_FFFF;
+/// Largest 11-bit identifier.
+const STANDARD_MAX: u16 = 0x7FF;
+
 /// A classic CAN 2.0 data or remote frame.
 ///
 /// Invariant: `len` is at most 8 and the data bytes beyond it are zero, so that codecs can read
-/// fixed positions and two equal frames compare equal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// fixed positions and two equal frames compare equal. The identifier and its two flags share one word, so
+/// that a controller on a busy bus tells a foreign frame with one comparison.
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
-    id: Id,
+    word: u32,
     data: [u8; 8],
     len: u8,
-    remote: bool,
+}
+
+impl core::fmt::Debug for Frame {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Frame")
+            .field("id", &self.id())
+            .field("data", &self.data)
+            .field("len", &self.len)
+            .field("remote", &self.is_remote())
+            .finish()
+    }
+}
+
+/// The identifier word of a data frame.
+fn word(id: Id) -> u32 {
+    match id {
+        Id::Extended(id) => id.as_raw() | EXTENDED,
+        Id::Standard(id) => u32::from(id.as_raw()),
+    }
 }
 
 impl Frame {
@@ -21,10 +49,9 @@ impl Frame {
         let mut bytes = [0; 8];
         bytes.get_mut(..data.len())?.copy_from_slice(data);
         Some(Self {
-            id: id.into(),
+            word: word(id.into()),
             data: bytes,
             len: data.len() as u8,
-            remote: false,
         })
     }
 
@@ -32,10 +59,9 @@ impl Frame {
     #[must_use]
     pub fn remote(id: impl Into<Id>, dlc: usize) -> Option<Self> {
         (dlc <= 8).then(|| Self {
-            id: id.into(),
+            word: word(id.into()) | REMOTE,
             data: [0; 8],
             len: dlc as u8,
-            remote: true,
         })
     }
 
@@ -44,15 +70,10 @@ impl Frame {
     #[must_use]
     pub const fn extended<const N: usize>(raw_id: u32, data: [u8; N]) -> Self {
         const { assert!(N <= 8) };
-        let id = match ExtendedId::new(raw_id & 0x1FFF_FFFF) {
-            Some(id) => id,
-            None => ExtendedId::ZERO,
-        };
         Self {
-            id: Id::Extended(id),
+            word: raw_id & EXTENDED_MAX | EXTENDED,
             data: widen(data),
             len: N as u8,
-            remote: false,
         }
     }
 
@@ -60,15 +81,10 @@ impl Frame {
     #[must_use]
     pub const fn standard<const N: usize>(raw_id: u16, data: [u8; N]) -> Self {
         const { assert!(N <= 8) };
-        let id = match StandardId::new(raw_id & 0x7FF) {
-            Some(id) => id,
-            None => StandardId::ZERO,
-        };
         Self {
-            id: Id::Standard(id),
+            word: (raw_id & STANDARD_MAX) as u32,
             data: widen(data),
             len: N as u8,
-            remote: false,
         }
     }
 
@@ -86,38 +102,41 @@ impl Frame {
 
     /// The identifier with its width.
     #[must_use]
-    pub const fn id(&self) -> Id {
-        self.id
+    pub fn id(&self) -> Id {
+        // The masks keep both conversions within range, so the zeros only stand in for a panic.
+        if self.is_extended() {
+            ExtendedId::new(self.word & EXTENDED_MAX)
+                .unwrap_or(ExtendedId::ZERO)
+                .into()
+        } else {
+            StandardId::new(self.word as u16 & STANDARD_MAX)
+                .unwrap_or(StandardId::ZERO)
+                .into()
+        }
     }
 
     /// The 29-bit identifier; `None` for an 11-bit frame.
     #[must_use]
     pub fn extended_id(&self) -> Option<u32> {
-        match self.id {
-            Id::Extended(id) => Some(id.as_raw()),
-            Id::Standard(_) => None,
-        }
+        self.is_extended().then_some(self.word & EXTENDED_MAX)
     }
 
     /// The identifier without its width.
     #[must_use]
-    pub fn raw_id(&self) -> u32 {
-        match self.id {
-            Id::Extended(id) => id.as_raw(),
-            Id::Standard(id) => u32::from(id.as_raw()),
-        }
+    pub const fn raw_id(&self) -> u32 {
+        self.word & EXTENDED_MAX
     }
 
     /// True for a 29-bit identifier.
     #[must_use]
     pub const fn is_extended(&self) -> bool {
-        matches!(self.id, Id::Extended(_))
+        self.word & EXTENDED != 0
     }
 
     /// True for a remote transmission request.
     #[must_use]
     pub const fn is_remote(&self) -> bool {
-        self.remote
+        self.word & REMOTE != 0
     }
 
     /// Data length code, 0 to 8.
@@ -129,7 +148,7 @@ impl Frame {
     /// The data bytes: as many as the data length code says, none for a remote frame.
     #[must_use]
     pub fn data(&self) -> &[u8] {
-        let len = if self.remote {
+        let len = if self.is_remote() {
             0
         } else {
             usize::from(self.len)
@@ -146,7 +165,7 @@ impl Frame {
     /// The data bytes if this is a data frame of exactly `N` bytes: the one length gate of every codec.
     #[must_use]
     pub fn exact<const N: usize>(&self) -> Option<&[u8; N]> {
-        if self.remote || usize::from(self.len) != N {
+        if self.is_remote() || usize::from(self.len) != N {
             return None;
         }
         self.data.first_chunk::<N>()
@@ -179,11 +198,11 @@ impl embedded_can::Frame for Frame {
     }
 
     fn is_remote_frame(&self) -> bool {
-        self.remote
+        self.is_remote()
     }
 
     fn id(&self) -> Id {
-        self.id
+        self.id()
     }
 
     fn dlc(&self) -> usize {

@@ -15,6 +15,7 @@ use crate::time::Instant;
 use crate::units::Duty;
 
 pub mod schedule;
+pub mod talon_srx;
 
 /// Why a frame that was meant for this device was not obeyed. Each reason has its counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

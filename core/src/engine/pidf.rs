@@ -50,7 +50,9 @@ pub enum Unit {
 pub struct Pidf {
     accumulator: i32,
     previous_error: i32,
-    running: bool,
+    /// All bits set once there is an error before this one: what the difference of two errors is masked
+    /// with, one instruction instead of a branch.
+    has_previous: i32,
 }
 
 impl Pidf {
@@ -60,7 +62,7 @@ impl Pidf {
         Self {
             accumulator: 0,
             previous_error: 0,
-            running: false,
+            has_previous: 0,
         }
     }
 
@@ -81,13 +83,9 @@ impl Pidf {
     pub fn step(&mut self, gains: &Gains, target: i32, error: i32, unit: Unit) -> i32 {
         let target = operand(target);
         let error = operand(error);
-        let change = if self.running {
-            error.wrapping_sub(self.previous_error)
-        } else {
-            0
-        };
+        let change = error.wrapping_sub(self.previous_error) & self.has_previous;
         self.previous_error = error;
-        self.running = true;
+        self.has_previous = -1;
         let mut sum = product(gains.f, target);
         if error.wrapping_abs() < gains.allowable_error {
             self.accumulator = 0;

@@ -13,7 +13,7 @@ use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
 use windlass_core::dialect::{Decoded, Dialect, View};
 use windlass_core::engine::command::Command;
 use windlass_core::engine::pidf::{Gains, Pidf, Unit};
-use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
+use windlass_core::engine::snapshot::{Sample, Snapshot};
 use windlass_core::engine::{Engine, Settings};
 use windlass_core::frame::Frame;
 use windlass_core::node::{Node, NodeConfig};

@@ -20,20 +20,34 @@ use crate::engine::settings::{Policy, Resume};
 use crate::engine::snapshot::{Fault, LimitStatus, Mode};
 use crate::field::{I24_MAX, I24_MIN, divide_on_overflow, saturate_i16};
 use crate::frame::Frame;
-use crate::frc_id::{NUMBER_MASK, base, number};
+use crate::frc_id::{NUMBER_MASK, with_number};
 use crate::params::Params;
 use crate::params::table::ParameterId;
 use crate::time::{Duration, Instant, TICKS_PER_MS};
 use crate::units::{Amps, Duty, Volts};
 
 /// What the dialect remembers.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Dmc60c {
-    /// Number of the controller that is followed.
-    master: Option<u8>,
+    /// Identifier of the followed controller's general status, or [`NOBODY`].
+    master: u32,
     general: Periodic,
     encoder: Periodic,
     analog: Periodic,
+}
+
+/// An identifier that no frame has.
+const NOBODY: u32 = u32::MAX;
+
+impl Default for Dmc60c {
+    fn default() -> Self {
+        Self {
+            master: NOBODY,
+            general: Periodic::default(),
+            encoder: Periodic::default(),
+            analog: Periodic::default(),
+        }
+    }
 }
 
 impl Dialect for Dmc60c {
@@ -48,34 +62,34 @@ impl Dialect for Dmc60c {
         resume: Resume::NonZeroSetpoint,
     };
 
+    #[inline]
     fn accepts(&self, own: u8, id: Id) -> bool {
         let Id::Extended(id) = id else { return false };
         let id = id.as_raw();
-        id == id::CONTROL_0 | u32::from(own)
-            || (base(id) == id::STATUS_GENERAL && self.master == Some(number(id)))
+        id == with_number(id::CONTROL_0, own) || id == self.master
     }
 
     fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
-        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
         if frame.is_remote() {
             return Decoded::Bad(Bad::Remote);
         }
-        if base(id) == id::STATUS_GENERAL {
-            return match StatusGeneral::parse(frame) {
-                Some(status) => Decoded::Intent(Intent::MasterReport(Duty::new(status.duty))),
-                None => Decoded::Bad(Bad::Length),
+        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
+        if id == with_number(id::CONTROL_0, own) {
+            let Some(control) = Control0::parse(frame) else { return Decoded::Bad(Bad::Length) };
+            let setpoint = setpoint(&control);
+            self.master = match setpoint {
+                Setpoint::Follow(master) => with_number(id::STATUS_GENERAL, master),
+                _ => NOBODY,
             };
+            return Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)));
         }
-        if number(id) != own {
+        if id != self.master {
             return Decoded::Ignored;
         }
-        let Some(control) = Control0::parse(frame) else { return Decoded::Bad(Bad::Length) };
-        let setpoint = setpoint(&control);
-        self.master = match setpoint {
-            Setpoint::Follow(master) => Some(master),
-            _ => None,
-        };
-        Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)))
+        match StatusGeneral::parse(frame) {
+            Some(status) => Decoded::Intent(Intent::MasterReport(Duty::new(status.duty))),
+            None => Decoded::Bad(Bad::Length),
+        }
     }
 
     /// Parameters are the management channel's; this dialect asks nothing.

@@ -3,6 +3,7 @@
 
 use super::wire::*;
 use super::*;
+use crate::frc_id::base;
 use crate::engine::snapshot::{Actuation, Pins, Snapshot};
 use proptest::prelude::*;
 
