@@ -10,5 +10,8 @@ fn main() {
     let given = given.and_then(|text| text.parse::<u64>().ok());
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
     let now = since_1970.map_or(0, |span| span.as_secs());
-    println!("cargo::rustc-env=WINDLASS_BUILD_SECONDS={}", given.unwrap_or(now));
+    println!(
+        "cargo::rustc-env=WINDLASS_BUILD_SECONDS={}",
+        given.unwrap_or(now)
+    );
 }

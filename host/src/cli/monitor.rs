@@ -7,7 +7,7 @@ use serde_json::json;
 use super::connect::{Connection, Seconds, devices};
 use super::output::{self, LiveLine};
 use super::sample::Sample;
-use super::{Failure, Global, Outcome, interrupted};
+use super::{Failure, Global, Outcome, interrupted, talon};
 use crate::client::{Selector, Traffic};
 use crate::transport::{Bus, Health, Transport};
 
@@ -93,9 +93,21 @@ impl Monitor {
                 now: client.now(),
             })
             .collect();
+        let talons: Vec<talon::sample::Sample<'_>> = client
+            .talon_statuses()
+            .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
+            .map(|(number, status)| talon::sample::Sample {
+                number,
+                status,
+                now: client.now(),
+            })
+            .collect();
         let load = self.load.map(|bit_rate| self.measure(client, bit_rate));
         if self.json {
             for sample in samples {
+                output::json(&sample.document())?;
+            }
+            for sample in talons {
                 output::json(&sample.document())?;
             }
             if let Some((percent, frames_per_second)) = load {
@@ -113,6 +125,7 @@ impl Monitor {
             return Ok(());
         }
         let mut lines: Vec<String> = samples.iter().map(Sample::line).collect();
+        lines.extend(talons.iter().map(talon::sample::Sample::line));
         if let Some((percent, frames_per_second)) = load {
             let now = client.now().as_secs_f64();
             lines.push(format!(

@@ -27,7 +27,10 @@ pub struct Flags(pub u8);
 
 impl Flags {
     const NAMES: [(u8, &'static str); 5] = [
-        (windlass_core::slcan::flag::RECEIVE_QUEUE_FULL, "receive queue full"),
+        (
+            windlass_core::slcan::flag::RECEIVE_QUEUE_FULL,
+            "receive queue full",
+        ),
         (windlass_core::slcan::flag::ERROR_WARNING, "error warning"),
         (windlass_core::slcan::flag::DATA_OVERRUN, "frame lost"),
         (windlass_core::slcan::flag::ERROR_PASSIVE, "error passive"),

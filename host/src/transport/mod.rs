@@ -77,6 +77,24 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
     }
 }
 
+impl<B: Bus + ?Sized> Bus for &mut B {
+    fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
+        (**self).send(frame)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        (**self).receive(timeout)
+    }
+
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+
+    fn health(&mut self) -> Result<Health, BusError> {
+        (**self).health()
+    }
+}
+
 /// Opens the bus that a transport string names; see [`Transport`] for the syntax.
 ///
 /// # Errors

@@ -125,7 +125,10 @@ impl<B: Bus> CanTalon<B> {
     fn motor<T>(&self, work: impl FnOnce(&mut Motor, Duration) -> T) -> Option<T> {
         let mut shared = self.shared.borrow_mut();
         let now = shared.now();
-        shared.motors.get_mut(&self.number).map(|motor| work(motor, now))
+        shared
+            .motors
+            .get_mut(&self.number)
+            .map(|motor| work(motor, now))
     }
 
     /// Changes the control frame and sends it.
@@ -278,6 +281,14 @@ impl<B: Bus> CanTalon<B> {
     pub fn set_voltage_ramp_rate(&self, volts_per_second: f64) -> Result<(), TalonError> {
         let ramp = units::voltage_ramp(volts_per_second)?;
         self.change(|control| control.ramp = ramp)
+    }
+
+    /// The voltage ramp in the device's own unit: throttle per 10 ms, 0 for none (manual 17.6).
+    ///
+    /// # Errors
+    /// The bus failed.
+    pub fn set_ramp_steps(&self, steps: u8) -> Result<(), TalonError> {
+        self.change(|control| control.ramp = steps)
     }
 
     /// Selects the motor control profile, 0 or 1 (manual 11).

@@ -55,7 +55,14 @@ impl FaultBits {
     }
 
     const fn of(faults: [bool; 6]) -> Self {
-        let [temperature, voltage, forward, reverse, forward_soft, reverse_soft] = faults;
+        let [
+            temperature,
+            voltage,
+            forward,
+            reverse,
+            forward_soft,
+            reverse_soft,
+        ] = faults;
         Self(
             (temperature as u16) << 1
                 | (voltage as u16) << 2
@@ -314,6 +321,9 @@ impl<B: Bus> CanTalon<B> {
     #[must_use]
     pub fn start_up(&self) -> Option<Status5> {
         let shared = self.shared.borrow();
-        shared.status(self.number).start_up.map(|stamped| stamped.value)
+        shared
+            .status(self.number)
+            .start_up
+            .map(|stamped| stamped.value)
     }
 }

@@ -5,7 +5,7 @@
 //! bus and real on others. [`CanTalon`] is one motor controller: what is set goes into its control frame,
 //! what is read comes from its status frames.
 //!
-//! ```
+//! ```no_run
 //! use std::time::Duration;
 //! use windlass::client::talon::Robot;
 //! use windlass::transport::SimBus;
@@ -25,7 +25,6 @@
 mod can_talon;
 mod error;
 mod getters;
-mod leds;
 mod parameters;
 mod robot;
 mod safety;
@@ -36,11 +35,10 @@ pub mod units;
 pub use can_talon::{CanTalon, ControlMode, LimitMode, NeutralMode, StatusFrame};
 pub use error::TalonError;
 pub use getters::{FaultBits, fault};
-pub use leds::indication;
 pub use parameters::Profile;
 pub use robot::{ANSWER_TIME, CONTROL_PERIOD_MS, EnableStyle, GLOBAL_PERIOD, Robot};
 pub use safety::DEFAULT_EXPIRATION;
-pub use self_test::{Pin, SelfTest};
+pub use self_test::{Pin, QUICK_SUCCESSION, SelfTest, mode_name};
 pub use status::{Reading, STALE_AFTER, Stamped, TalonStatus};
 
 pub(super) use status::sender;

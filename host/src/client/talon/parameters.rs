@@ -298,10 +298,7 @@ impl<B: Bus> CanTalon<B> {
     /// # Errors
     /// No answer, or the bus failed.
     pub fn config_fwd_limit_switch_normally_open(&self, open: bool) -> Result<(), TalonError> {
-        self.set_parameter(
-            Parameter::OnBootForwardNormallyClosed,
-            u32::from(!open),
-        )
+        self.set_parameter(Parameter::OnBootForwardNormallyClosed, u32::from(!open))
     }
 
     /// Whether the reverse limit switch is normally open, see
@@ -310,10 +307,7 @@ impl<B: Bus> CanTalon<B> {
     /// # Errors
     /// No answer, or the bus failed.
     pub fn config_rev_limit_switch_normally_open(&self, open: bool) -> Result<(), TalonError> {
-        self.set_parameter(
-            Parameter::OnBootReverseNormallyClosed,
-            u32::from(!open),
-        )
+        self.set_parameter(Parameter::OnBootReverseNormallyClosed, u32::from(!open))
     }
 
     /// The firmware's version, major and minor.

@@ -255,11 +255,7 @@ impl<B: Bus> Robot<B> {
     ///
     /// # Errors
     /// The number is above 62, or the period is not within 1 to 95 ms.
-    pub fn talon_with_period(
-        &self,
-        number: u8,
-        period_ms: u32,
-    ) -> Result<CanTalon<B>, TalonError> {
+    pub fn talon_with_period(&self, number: u8, period_ms: u32) -> Result<CanTalon<B>, TalonError> {
         if number > MAX_DEVICE_NUMBER {
             return Err(TalonError::invalid(format!(
                 "device number {number} is out of range; allowed: 0 to {MAX_DEVICE_NUMBER}"

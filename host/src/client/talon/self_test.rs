@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use windlass_core::dialect::talon_srx::wire::{
-    self, FeedbackDevice, LimitOverride, ModeSelect, Parameter, Status1, Status2, Status3, Status4,
+    self, FeedbackDevice, LimitOverride, ModeSelect, Status1, Status2, Status3, Status4,
 };
 
 use super::getters::FaultBits;
@@ -56,7 +56,10 @@ impl<B: Bus> CanTalon<B> {
             let mut shared = self.shared.borrow_mut();
             let now = shared.now();
             let motor = shared.motors.get_mut(&self.number);
-            (now, motor.and_then(|motor| motor.last_self_test.replace(now)))
+            (
+                now,
+                motor.and_then(|motor| motor.last_self_test.replace(now)),
+            )
         };
         let again = before.is_some_and(|before| now.saturating_sub(before) <= QUICK_SUCCESSION);
         self.self_test_clearing(again)
@@ -115,10 +118,22 @@ impl SelfTest {
                 .start_up
                 .map(|stamped| (stamped.value.version[0], stamped.value.version[1])),
             cleared: false,
-            general: status.general.map(|stamped| stamped.value).unwrap_or_default(),
-            feedback: status.feedback.map(|stamped| stamped.value).unwrap_or_default(),
-            encoder: status.encoder.map(|stamped| stamped.value).unwrap_or_default(),
-            analog: status.analog.map(|stamped| stamped.value).unwrap_or_default(),
+            general: status
+                .general
+                .map(|stamped| stamped.value)
+                .unwrap_or_default(),
+            feedback: status
+                .feedback
+                .map(|stamped| stamped.value)
+                .unwrap_or_default(),
+            encoder: status
+                .encoder
+                .map(|stamped| stamped.value)
+                .unwrap_or_default(),
+            analog: status
+                .analog
+                .map(|stamped| stamped.value)
+                .unwrap_or_default(),
         }
     }
 
@@ -220,7 +235,10 @@ impl SelfTest {
             ("  velocity", TalonStatus::velocity(*feedback).to_string()),
             (
                 "Quadrature encoder",
-                format!("position {}, velocity {}", encoder.position, encoder.velocity),
+                format!(
+                    "position {}, velocity {}",
+                    encoder.position, encoder.velocity
+                ),
             ),
             (
                 "  pins",
@@ -435,7 +453,10 @@ mod tests {
         };
         let old = status(general, Status2::default());
         let text = SelfTest::capture(3, &old, Duration::from_millis(201)).to_string();
-        assert!(text.starts_with("X  ") && text.contains("not responding"), "{text}");
+        assert!(
+            text.starts_with("X  ") && text.contains("not responding"),
+            "{text}"
+        );
         assert!(text.contains("42"), "{text}");
     }
 

@@ -36,7 +36,12 @@ pub fn share(throttle: i16) -> f64 {
 /// # Errors
 /// Not finite, or beyond 24 bits.
 pub fn sensor_demand(units: f64) -> Result<i32, TalonError> {
-    whole("set point", units.trunc(), f64::from(I24_MIN), f64::from(I24_MAX))
+    whole(
+        "set point",
+        units.trunc(),
+        f64::from(I24_MIN),
+        f64::from(I24_MAX),
+    )
 }
 
 /// Voltage demand in 8.8 format.
