@@ -140,6 +140,8 @@ fn running(sim: &SimNode) -> Map<String, Value> {
             "unexpected": counters.unexpected,
             "answers_lost": counters.answers_lost,
             "bus_losses": counters.bus_losses,
+            "dropped": counters.dropped,
+            "given_up": counters.given_up,
         },
     }))
 }
