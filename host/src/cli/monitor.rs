@@ -14,7 +14,7 @@ use crate::transport::{Bus, Health, Transport};
 /// Arguments of `windlass monitor`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
     /// Show the bus too: its load from counted bit times with stuff bits, and what the transport knows of
     /// its CAN controller; `?` is what it cannot know.

@@ -22,7 +22,7 @@ const SWITCH_OFF_TIME: Duration = Duration::from_millis(60);
 /// Arguments of `windlass run`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
     device: Selector,
     #[command(flatten)]
     target: TargetArguments,

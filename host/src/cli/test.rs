@@ -25,7 +25,7 @@ const CASE_CELSIUS: std::ops::RangeInclusive<f64> = -40.0..=85.0;
 /// Arguments of `windlass test`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
     /// Also test the expansion header J1 for short circuits; unplug everything from it first.
     #[arg(long)]
