@@ -15,6 +15,7 @@ mod run;
 mod sample;
 mod scan;
 pub mod sim;
+mod talon;
 mod test;
 
 use std::process::ExitCode;
