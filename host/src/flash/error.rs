@@ -98,9 +98,7 @@ pub enum FlashError {
         cause: String,
     },
     /// Ended by Ctrl-C.
-    #[error(
-        "interrupted: {stored} of {of} pages are stored, device {address} waits in its bootloader"
-    )]
+    #[error("interrupted: device {address} waits in its bootloader{}", stored_text(*.stored, *.of))]
     Cancelled {
         /// Which device.
         address: Address,
@@ -118,6 +116,13 @@ fn code_text(code: u16) -> String {
     match CommandCode::from_code(code as u8) {
         Some(known) => known.name().to_owned(),
         None => format!("unknown code {code:#06x}"),
+    }
+}
+
+fn stored_text(stored: usize, of: usize) -> String {
+    match of {
+        0 => String::new(),
+        _ => format!(" with {stored} of {of} pages"),
     }
 }
 

@@ -7,6 +7,7 @@
 
 mod error;
 mod session;
+mod transfer;
 
 use std::time::Duration;
 

@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use windlass_core::boot::image::{FIRST_PAGE, Hardware, LAST_PAGE, NO_VERSION, pages_of};
+use windlass_core::boot::image::{Hardware, NO_VERSION};
 use windlass_core::boot::status::BootStatus;
-use windlass_core::crc;
 use windlass_core::management::vendor::{CommandCode, Descriptor};
 use windlass_core::management::wire::ImageType;
 
@@ -13,35 +12,28 @@ use crate::client::{self, Address, Client, Device, Version};
 use crate::image::Image;
 use crate::transport::Bus;
 
-/// Time for page 30, which erases the old image: a 128 KiB sector of the STM32F405 takes up to 2 s at full
-/// supply and 4 s at the lowest (data sheet, flash memory programming).
-const ERASE_TIME: Duration = Duration::from_secs(6);
-/// Time for any other page, on the bus and in the flash.
-const PAGE_TIME: Duration = Duration::from_secs(2);
-/// Attempts at a page before the device counts as lost.
-const PAGE_ATTEMPTS: u32 = 5;
 /// Times that a device is told to restart.
 const RESTARTS: u32 = 3;
-/// Times that missing pages are asked for and sent again.
-const ROUNDS: u32 = 4;
 /// Time in which a driven device is sure to have said so: several periods of its status frame.
 const DRIVE_CHECK: Duration = Duration::from_millis(120);
 /// What a device without a serial number reports.
 const NO_SERIAL: &str = "UNKNOWN";
 
 pub(super) struct Session<'a, B: Bus> {
-    client: &'a mut Client<B>,
-    observer: &'a mut dyn Observer,
-    options: Options,
-    address: Address,
+    pub(super) client: &'a mut Client<B>,
+    pub(super) observer: &'a mut dyn Observer,
+    pub(super) options: Options,
+    pub(super) address: Address,
     product: Option<u32>,
     serial: Option<String>,
     before: Option<Version>,
     /// The device has everything and has committed it.
     committed: bool,
     /// Pages of the image that the device is known to have.
-    stored: usize,
-    sent: usize,
+    pub(super) stored: usize,
+    /// Pages of the image.
+    pub(super) of: usize,
+    pub(super) sent: usize,
     started: Duration,
 }
 
@@ -63,6 +55,7 @@ impl<'a, B: Bus> Session<'a, B> {
             before: None,
             committed: false,
             stored: 0,
+            of: 0,
             sent: 0,
             started,
         }
@@ -76,9 +69,10 @@ impl<'a, B: Bus> Session<'a, B> {
     pub(super) fn update(mut self, image: &Image) -> Result<Report, FlashError> {
         let status = self.look()?;
         self.check(image, status.as_ref())?;
+        self.of = image.pages().len();
         self.again(|session| session.update_once(image))?;
         let version = Version(image.header().identity.version);
-        self.report(version, image.pages().len())
+        self.report(version)
     }
 
     pub(super) fn roll_back(mut self) -> Result<Report, FlashError> {
@@ -89,10 +83,10 @@ impl<'a, B: Bus> Session<'a, B> {
         }
         let mut version = fallback;
         self.again(|session| session.roll_back_once(&mut version))?;
-        self.report(Version(version), 0)
+        self.report(Version(version))
     }
 
-    fn report(self, version: Version, pages: usize) -> Result<Report, FlashError> {
+    fn report(self, version: Version) -> Result<Report, FlashError> {
         // The answer to the version made the application confirm itself; it may need a moment to write.
         let confirmed = match self.client.boot_status(self.address) {
             Ok(status) => status.map(|status| status.confirmed),
@@ -104,7 +98,7 @@ impl<'a, B: Bus> Session<'a, B> {
             before: self.before,
             version,
             sent: self.sent,
-            pages,
+            pages: self.of,
             confirmed,
             took: self.client.now().saturating_sub(self.started),
         })
@@ -137,7 +131,11 @@ impl<'a, B: Bus> Session<'a, B> {
     }
 
     /// Refuses an image that this device would refuse.
-    fn check(&self, image: &Image, status: Option<&BootStatus>) -> Result<(), FlashError> {
+    pub(super) fn check(
+        &self,
+        image: &Image,
+        status: Option<&BootStatus>,
+    ) -> Result<(), FlashError> {
         let identity = &image.header().identity;
         let address = self.address;
         let product = status.map(|status| status.product).or(self.product);
@@ -206,7 +204,7 @@ impl<'a, B: Bus> Session<'a, B> {
         let deadline = self.client.now() + self.options.patience;
         loop {
             if self.observer.is_cancelled() {
-                return Err(self.lost(cause));
+                return Err(self.cancelled());
             }
             let devices = self.client.enumerate()?;
             let same = devices.iter().find(|device| device.address == self.address);
@@ -225,6 +223,14 @@ impl<'a, B: Bus> Session<'a, B> {
             if self.client.now() >= deadline {
                 return Err(self.lost(cause));
             }
+        }
+    }
+
+    pub(super) fn cancelled(&self) -> FlashError {
+        FlashError::Cancelled {
+            address: self.address,
+            stored: self.stored,
+            of: self.of,
         }
     }
 
@@ -308,161 +314,11 @@ impl<'a, B: Bus> Session<'a, B> {
         Ok(self.client.firmware_versions(self.address)?.image)
     }
 
-    fn silence(&self, request: impl Into<String>) -> client::Error {
+    pub(super) fn silence(&self, request: impl Into<String>) -> client::Error {
         client::Error::NoAnswer {
             address: self.address,
             request: request.into(),
         }
-    }
-
-    /// Sends pages until the device has committed the image.
-    fn transfer(&mut self, image: &Image) -> Result<(), FlashError> {
-        let mut anew = self.options.force;
-        for _ in 0..ROUNDS {
-            let status = self.client.boot_status(self.address)?;
-            if status.is_none() && !self.options.force {
-                return Err(FlashError::UnknownHardware(self.address));
-            }
-            self.check(image, status.as_ref())?;
-            let missing = match (&status, anew) {
-                (Some(status), false) => self.missing(image, status)?,
-                _ => image.header().pages,
-            };
-            self.stored = image.pages().len() - missing.count_ones() as usize;
-            if missing == 0 && is_committed(image, status.as_ref()) {
-                return Ok(());
-            }
-            anew = match self.send_pages(image, missing)? {
-                Sent::All => false,
-                Sent::Incomplete => continue,
-                Sent::Disordered => true,
-            };
-            if !anew && self.verify(image)? {
-                return Ok(());
-            }
-        }
-        Err(FlashError::NotStored(self.address))
-    }
-
-    /// Pages that the device does not have. All of them if it has those of another image.
-    fn missing(&mut self, image: &Image, status: &BootStatus) -> Result<u32, FlashError> {
-        let all = image.header().pages;
-        let Some(crcs) = self.client.page_crcs(self.address)? else {
-            return Ok(all);
-        };
-        if status.wanted != all || status.stored & 1 << LAST_PAGE == 0 {
-            return Ok(all);
-        }
-        let differs = |(number, contents): &(u8, &windlass_core::boot::image::Page)| {
-            crcs.get(usize::from(*number)) != Some(&crc::page_transfer(&contents[..]))
-        };
-        let stored = |(number, _): &(u8, _)| status.stored & 1 << number != 0;
-        if image
-            .pages()
-            .iter()
-            .filter(stored)
-            .any(|page| differs(&page))
-        {
-            return Ok(all);
-        }
-        Ok(all & !status.stored)
-    }
-
-    /// Sends pages: 30 first, then downwards to 0 (guide, "Recommended Application Firmware Update Steps").
-    fn send_pages(&mut self, image: &Image, pages: u32) -> Result<Sent, FlashError> {
-        // A device that has all pages but no commit takes the first one again and then commits.
-        let pages = if pages == 0 { 1 << FIRST_PAGE } else { pages };
-        let of = image.pages().len();
-        let mut order: Vec<u8> = pages_of(pages).collect();
-        order.reverse();
-        for number in order {
-            if self.observer.is_cancelled() {
-                let (address, stored) = (self.address, self.stored);
-                return Err(FlashError::Cancelled {
-                    address,
-                    stored,
-                    of,
-                });
-            }
-            self.observer.phase(if number == LAST_PAGE {
-                Phase::Erase
-            } else {
-                Phase::Write
-            });
-            match self.send_page(image, number)? {
-                CommandCode::NoError => {}
-                CommandCode::ImageIncomplete => return Ok(Sent::Incomplete),
-                _ => return Ok(Sent::Disordered),
-            }
-            self.sent += 1;
-            self.stored = (self.stored + 1).min(of);
-            let now = self.client.now();
-            self.observer.pages(self.stored, of, now);
-        }
-        Ok(Sent::All)
-    }
-
-    /// Sends one page until it is answered. Gives `NoError`, `ImageIncomplete` or `PageOrder`.
-    fn send_page(&mut self, image: &Image, page: u8) -> Result<CommandCode, FlashError> {
-        let address = self.address;
-        let silence = self.silence(format!("vcmdEraseWriteFlashPage of page {page}"));
-        let Some(contents) = image.pages().get(page) else {
-            return Err(silence.into());
-        };
-        let patience = if page == LAST_PAGE {
-            ERASE_TIME
-        } else {
-            PAGE_TIME
-        };
-        let mut refusal = None;
-        for _ in 0..PAGE_ATTEMPTS {
-            let code = self.client.write_page(address, page, contents, patience)?;
-            let Some(code) = code else {
-                refusal = None;
-                continue;
-            };
-            match CommandCode::from_code(code as u8) {
-                Some(known @ (CommandCode::NoError | CommandCode::ImageIncomplete)) => {
-                    return Ok(known);
-                }
-                Some(CommandCode::PageOrder) if page != LAST_PAGE => {
-                    return Ok(CommandCode::PageOrder);
-                }
-                // The transfer was disturbed, or the flash needs another attempt.
-                Some(
-                    CommandCode::CrcMismatch
-                    | CommandCode::DataReceivedMore
-                    | CommandCode::FlashWriteFailed,
-                ) => refusal = Some(code),
-                // Another host's status, or a late one of an earlier attempt.
-                Some(CommandCode::InBootloader | CommandCode::AcknowledgeReset) => {}
-                _ => {
-                    return Err(FlashError::PageRefused {
-                        address,
-                        page,
-                        code,
-                    });
-                }
-            }
-        }
-        match refusal {
-            Some(code) => Err(FlashError::PageRefused {
-                address,
-                page,
-                code,
-            }),
-            None => Err(silence.into()),
-        }
-    }
-
-    /// Whether the device has committed exactly this image. A device that does not tell is believed: its
-    /// acknowledgements are all there is.
-    fn verify(&mut self, image: &Image) -> Result<bool, FlashError> {
-        self.observer.phase(Phase::Verify);
-        let Some(status) = self.client.boot_status(self.address)? else {
-            return Ok(true);
-        };
-        Ok(is_committed(image, Some(&status)) && self.missing(image, &status)? == 0)
     }
 
     /// Restarts the device and waits until the version is read from its application.
@@ -505,21 +361,6 @@ fn unless_refused(result: Result<(), client::Error>) -> Result<(), client::Error
         }
         other => other,
     }
-}
-
-/// What became of a round of pages.
-enum Sent {
-    /// All were acknowledged.
-    All,
-    /// Some that were sent earlier are missing.
-    Incomplete,
-    /// The device wants to begin again with page 30.
-    Disordered,
-}
-
-fn is_committed(image: &Image, status: Option<&BootStatus>) -> bool {
-    let version = image.header().identity.version;
-    status.is_some_and(|status| status.application == version)
 }
 
 fn hardware_name(id: u32) -> String {

@@ -1,6 +1,9 @@
 //! Devices of a test: the management channel with the page protocol, as docs/updates.md and the guide
 //! describe it, on a bus in virtual time where single frames and whole devices can be lost.
 
+// Each test crate uses a part of this.
+#![allow(dead_code)]
+
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -132,7 +135,7 @@ impl Device {
     }
 
     /// The answers to a frame with the time that each takes.
-    fn on_frame(&mut self, frame: &Frame) -> Vec<(Duration, Frame)> {
+    pub(crate) fn on_frame(&mut self, frame: &Frame) -> Vec<(Duration, Frame)> {
         let identifier = frame.extended_id().unwrap();
         let base = frc_id::base(identifier);
         if base == id::ENUMERATE {
@@ -303,11 +306,14 @@ pub(crate) enum Fate {
     Broken,
 }
 
+/// Decides what becomes of the frame with this number.
+pub(crate) type FateOf = Box<dyn FnMut(usize, &Frame) -> Fate>;
+
 /// A bus with devices.
 pub(crate) struct FakeBus {
     pub devices: Vec<Device>,
     /// Decides over every frame of the host, by its number from 0.
-    pub fate: Box<dyn FnMut(usize, &Frame) -> Fate>,
+    pub fate: FateOf,
     sent: usize,
     now: Duration,
     inbox: VecDeque<(Duration, Frame)>,
