@@ -31,6 +31,7 @@ pub mod led;
 pub mod management;
 pub mod node;
 pub mod params;
+pub mod reset;
 pub mod slcan;
 pub mod time;
 pub mod units;

@@ -139,6 +139,7 @@ macro_rules! named_codes {
         }
     };
 }
+pub(crate) use named_codes;
 
 named_codes! {
     /// A pin of J1 that failed a test (`terc…`), named as on the header.

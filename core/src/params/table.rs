@@ -209,6 +209,19 @@ parameters! {
     Dialect = 128, "paramDialect", Range(0, crate::dialect::COUNT as i32 - 1), 0, Persistent, "";
     /// Neutral brakes (else it coasts); the brake/coast button toggles it.
     BrakeAtNeutral = 129, "paramBrakeAtNeutral", Flag, 1, Persistent, "";
+    /// Why the controller started, a code of [`ResetCause`](crate::reset::ResetCause); writing has no effect,
+    /// as for the next five.
+    ResetCause = 130, "paramResetCause", Computed, 0, Live, "";
+    /// Detail of the cause: line of a panic, fault status, exception number.
+    ResetDetail = 132, "paramResetDetail", Computed, 0, Live, "";
+    /// Frames that were received and lost, because nobody took them in time, since power-on.
+    FramesDropped = 133, "paramFramesDropped", Computed, 0, Live, "";
+    /// Restarts since power-on.
+    ResetCount = 134, "paramResetCount", Computed, 0, Live, "";
+    /// Place of the cause: hash of the file with the panic, faulting address.
+    ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
+    /// Transmissions that were given up since the start.
+    TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
 }
 
 impl ParameterId {

@@ -13,6 +13,7 @@ use crate::chip::stm32f405::can::Can;
 use crate::chip::stm32f405::{self as chip, bridge, sensors};
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
+use crate::fault::RECORD;
 use crate::kept::Kept;
 use crate::port::Board;
 use crate::thread::Thread;
@@ -70,7 +71,6 @@ fn sample() -> Sample {
 }
 
 /// The board's part of thread mode.
-#[derive(Default)]
 struct Devkit {
     can: Can,
     clock: Clock,
@@ -164,6 +164,7 @@ pub fn run() -> ! {
 /// large stack frame that this takes.
 #[inline(never)]
 fn build() -> (&'static mut Devkit, &'static mut Thread) {
+    let cause = chip::take_reset_cause();
     chip::start_clocks(CRYSTAL_MHZ);
     bridge::start();
     for pin in [FORWARD_LIMIT, REVERSE_LIMIT, BUTTON] {
@@ -172,8 +173,12 @@ fn build() -> (&'static mut Devkit, &'static mut Thread) {
     for pin in [STATUS_RED, STATUS_GREEN, STATUS_BLUE, BRAKE_LED] {
         chip::output(GPIOC, pin);
     }
-    let board = BOARD.init_with(Devkit::default);
-    board.kept.seed = chip::unique_number();
+    let board = BOARD.init_with(|| Devkit {
+        can: Can::default(),
+        clock: Clock::default(),
+        kept: Kept::new(&RECORD, cause, chip::unique_number()),
+        button: Button::default(),
+    });
     let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
     if let Some(mut core) = Peripherals::take() {

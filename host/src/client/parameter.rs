@@ -8,6 +8,7 @@ use windlass_core::frc_id::with_number;
 use windlass_core::management::vendor::ParameterError;
 use windlass_core::management::wire::{ParameterRequest, ParameterResponse, ParameterSet, id};
 use windlass_core::params::table::{Kind, Parameter, ParameterId, TABLE};
+use windlass_core::reset::ResetCause;
 
 use super::{ATTEMPTS, Address, Client, Error, ValueError};
 use crate::transport::{Bus, BusError};
@@ -33,11 +34,15 @@ enum Form {
     Fixed,
     Integer,
     Faults,
+    Cause,
+    Word,
 }
 
 fn form(row: &Parameter) -> Form {
     match row.id {
         ParameterId::ActiveFaults | ParameterId::StickyFaults => Form::Faults,
+        ParameterId::ResetCause => Form::Cause,
+        ParameterId::ResetDetail | ParameterId::ResetPlace => Form::Word,
         // 31-bit unsigned in the guide, but it limits an accumulator of 16.16 amperes.
         ParameterId::CurrentLimitIZone => Form::Fixed,
         _ => match row.kind {
@@ -117,7 +122,8 @@ impl Value {
         let signed = f64::from(self.raw as i32);
         match form(self.parameter.row()) {
             Form::Fixed => signed / ONE,
-            Form::Flag | Form::Integer | Form::Faults => signed,
+            Form::Flag | Form::Integer | Form::Faults | Form::Cause => signed,
+            Form::Word => f64::from(self.raw),
         }
     }
 }
@@ -129,6 +135,8 @@ impl fmt::Display for Value {
         match form(row) {
             Form::Flag => return write!(out, "{}", self.raw),
             Form::Faults => return out.write_str(&fault_names(self.raw)),
+            Form::Cause => return out.write_str(cause_name(self.raw)),
+            Form::Word => return write!(out, "{:#x}", self.raw),
             Form::Fixed => out.write_str(&decimal(self.number()))?,
             Form::Integer => write!(out, "{}", self.raw as i32)?,
         }
@@ -158,6 +166,14 @@ fn fault_names(word: u32) -> String {
     } else {
         names.join(", ")
     }
+}
+
+/// A reset cause by its name.
+pub(crate) fn cause_name(code: u32) -> &'static str {
+    u8::try_from(code)
+        .ok()
+        .and_then(ResetCause::from_code)
+        .map_or("of a newer firmware", ResetCause::name)
 }
 
 /// A fault's name in the guide.
@@ -430,11 +446,15 @@ mod tests {
         assert_eq!(show("52", 0b10001), "fltOverCurrent, fltComm");
         assert_eq!(show("51", 0), "none");
         assert_eq!(show("35", 0x014C_C888), "332.78333 A");
+        assert_eq!(show("130", 6), "panic");
+        assert_eq!(show("130", 0x106), "of a newer firmware");
+        assert_eq!(show("135", 0xDEAD_BEEF), "0xdeadbeef");
     }
 
     #[test]
     fn what_is_shown_reads_back_as_the_same_bits() {
-        for row in TABLE.iter().filter(|row| form(row) != Form::Faults) {
+        let named = |row: &&Parameter| matches!(form(row), Form::Faults | Form::Cause);
+        for row in TABLE.iter().filter(|row| !named(row)) {
             for raw in [
                 0,
                 1,
