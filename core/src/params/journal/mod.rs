@@ -205,6 +205,11 @@ impl Journal {
                 written: false,
             });
         }
+        // An unsealed set may read differently each time: what was read now must be what was meant.
+        let reads_as_meant = before.is_none_or(|set| set.finish_crc(crc) == set.crc);
+        if repeat == Repeat::Always && !reads_as_meant {
+            return Err(SaveError::Memory);
+        }
         let length = u16::try_from(length).map_err(|_| SaveError::TooLarge)?;
         let moves = self.make_room(flash, Set::extent_of(length), may_erase)?;
         let place = if moves {
