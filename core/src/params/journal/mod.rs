@@ -193,7 +193,7 @@ impl Journal {
         repeat: Repeat,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {
-        const { assert!(CELL as usize % F::WRITE_SIZE == 0 && F::READ_SIZE == 1) };
+        const { assert!((CELL as usize).is_multiple_of(F::WRITE_SIZE) && F::READ_SIZE == 1) };
         let before = self.newest;
         let compared = before.map_or(0, |set| set.entries());
         let measured = Pass::run(flash, content, before.as_ref(), Use::Measure(compared));
