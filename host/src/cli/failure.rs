@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use crate::client::talon::TalonError;
 use crate::client::{self, ValueError};
 use crate::transport::BusError;
 
@@ -20,6 +21,8 @@ pub enum Kind {
     NoAnswer = 5,
     /// The device refused, or a value is out of range.
     Refused = 6,
+    /// A firmware or key file cannot be used.
+    File = 8,
 }
 
 impl Kind {
@@ -33,6 +36,7 @@ impl Kind {
             Self::NoDevice => "no-device",
             Self::NoAnswer => "no-answer",
             Self::Refused => "refused",
+            Self::File => "file",
         }
     }
 }
@@ -80,6 +84,17 @@ impl From<client::Error> for Failure {
             Error::NoAnswer { .. } | Error::WrongSession { .. } => Kind::NoAnswer,
             Error::Refused { .. } | Error::Value(_) => Kind::Refused,
             Error::BadAnswer { .. } => Kind::Unexpected,
+        };
+        Self::new(kind, error.to_string(), error.next_step())
+    }
+}
+
+impl From<TalonError> for Failure {
+    fn from(error: TalonError) -> Self {
+        let kind = match error {
+            TalonError::TxFailed(error) => return error.into(),
+            TalonError::InvalidParameter(_) => Kind::Refused,
+            TalonError::RxTimeout { .. } | TalonError::NotUpdated { .. } => Kind::NoAnswer,
         };
         Self::new(kind, error.to_string(), error.next_step())
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use windlass_core::frame::Frame;
 use windlass_core::slcan::{self, Line, LineReader};
 
-use super::{Bus, BusError, Received};
+use super::{Bus, BusError, Flags, Health, Received};
 
 /// Bit rates of the `S` command, in the order of its digit.
 pub const BIT_RATES: [u32; 9] = [
@@ -21,6 +21,8 @@ const SERIAL_SPEED: u32 = 115_200;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Shortest wait that every operating system accepts as a read timeout.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+/// Longest time in which an adapter takes no byte at all before it counts as gone.
+const LONGEST_STALL: Duration = Duration::from_secs(3);
 
 /// A byte stream that can wait for data for a limited time.
 pub trait Stream: Read + Write {
@@ -51,6 +53,9 @@ pub struct SlcanBus<S: Stream> {
     lines: LineReader,
     ready: VecDeque<Received>,
     opened: Instant,
+    /// What the adapter's answers to `F` said so far and how often its transmit queue was full; none
+    /// before the first answer.
+    told: Option<(Flags, u64)>,
 }
 
 impl SlcanBus<Box<dyn serialport::SerialPort>> {
@@ -116,15 +121,32 @@ impl<S: Stream> SlcanBus<S> {
             lines: LineReader::new(),
             ready: VecDeque::new(),
             opened: Instant::now(),
+            told: None,
         };
         bus.write(format!("\rC\rS{digit}\rO\r").as_bytes())?;
         Ok(bus)
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), BusError> {
-        let sent = self.stream.write_all(bytes);
-        sent.and_then(|()| self.stream.flush())
-            .map_err(|source| self.lost(source))
+        self.push_out(bytes).map_err(|source| self.lost(source))
+    }
+
+    /// Writes everything. A slow adapter takes a long transfer in parts, and a serial port's write gives
+    /// up after the timeout that was last set for reading.
+    fn push_out(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+        let mut progress = Instant::now();
+        while !bytes.is_empty() {
+            match self.stream.write(bytes) {
+                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+                Ok(count) => {
+                    bytes = bytes.get(count..).unwrap_or_default();
+                    progress = Instant::now();
+                }
+                Err(error) if is_timeout(&error) && progress.elapsed() < LONGEST_STALL => {}
+                Err(error) => return Err(error),
+            }
+        }
+        self.stream.flush()
     }
 
     fn lost(&self, source: io::Error) -> BusError {
@@ -152,24 +174,48 @@ impl<S: Stream> SlcanBus<S> {
         }
     }
 
-    /// Takes one byte. Lines that are no frames (answers to commands) are skipped; a bell stands for a
-    /// refused command and ends no line.
+    /// Takes one byte. Of the lines that are no frames only the answer to `F` says something; a bell stands
+    /// for a refused command and ends no line.
     fn take(&mut self, byte: u8, at: Duration) {
         if byte == slcan::BEL {
             self.lines.clear();
             return;
         }
-        if let Some(Line::Content(line)) = self.lines.push(byte)
-            && let Some((frame, _)) = slcan::parse(&line)
-        {
+        let Some(Line::Content(line)) = self.lines.push(byte) else {
+            return;
+        };
+        if let Some((frame, _)) = slcan::parse(&line) {
             self.ready.push_back(Received { frame, at });
+        } else if let Some(flags) = status_flags(&line) {
+            let (before, tx_full) = self.told.unwrap_or_default();
+            let full = flags & slcan::flag::TRANSMIT_QUEUE_FULL != 0;
+            self.told = Some((Flags(before.0 | flags), tx_full + u64::from(full)));
         }
     }
+}
+
+/// The flags in an answer to `F`.
+fn status_flags(line: &[u8]) -> Option<u8> {
+    let [b'F', digits @ ..] = line else {
+        return None;
+    };
+    let digits = std::str::from_utf8(digits).ok()?;
+    (digits.len() == 2)
+        .then(|| u8::from_str_radix(digits, 16).ok())
+        .flatten()
 }
 
 impl<S: Stream> Bus for SlcanBus<S> {
     fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
         self.write(&slcan::format(frame, None))
+    }
+
+    fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        let mut text = Vec::new();
+        for frame in frames {
+            text.extend(slcan::format(frame, None));
+        }
+        self.write(&text)
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
@@ -186,6 +232,17 @@ impl<S: Stream> Bus for SlcanBus<S> {
 
     fn now(&self) -> Duration {
         self.opened.elapsed()
+    }
+
+    /// SLCAN has flags and no counters. An adapter that does not know `F` answers with a bell or not at all.
+    fn health(&mut self) -> Result<Health, BusError> {
+        self.write(b"F\r")?;
+        let mut health = Health::default();
+        if let Some((flags, tx_full)) = self.told {
+            health.flags = flags;
+            health.tx_full = Some(tx_full);
+        }
+        Ok(health)
     }
 }
 
