@@ -15,7 +15,7 @@ use crate::client::{
 /// Arguments of `windlass info`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
 }
 
