@@ -17,9 +17,7 @@ use crate::frame::Frame;
 use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
 use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{FirmwareVersions, ImageType, MAX_DEVICE_NUMBER};
-use crate::management::{
-    Answer, Decoded, ENUMERATION_ATTEMPTS, Management, Request, SessionIds,
-};
+use crate::management::{Answer, Decoded, ENUMERATION_ATTEMPTS, Management, Request, SessionIds};
 use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
 use crate::params::journal::{Change, Content, Journal, Key};
 use crate::params::store::{Descriptors, Text};
@@ -338,9 +336,7 @@ impl Loader {
     pub fn poll_tx(&mut self, now: Instant) -> Option<Transmission> {
         let versions = self.versions();
         let (number, product_id) = (self.number, self.config.product_id);
-        let (frame, answer) = self
-            .management
-            .encode(now, number, product_id, versions)?;
+        let (frame, answer) = self.management.encode(now, number, product_id, versions)?;
         let attempts = match answer {
             Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
             Answer::Other => Attempts::UntilSent,
