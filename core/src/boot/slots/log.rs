@@ -98,7 +98,7 @@ impl Record {
         content
     }
 
-    fn from_content(content: &[u8; CONTENT]) -> Option<Self> {
+    pub(super) fn from_content(content: &[u8; CONTENT]) -> Option<Self> {
         let stored = content.last_chunk::<4>().copied().map(u32::from_le_bytes);
         if stored != Some(record_crc(content)) {
             return None;
@@ -193,7 +193,7 @@ pub enum Refresh {
 }
 
 impl Log {
-    fn take(&mut self, record: Record) {
+    pub(super) fn take(&mut self, record: Record) {
         match record {
             Record::Stored { page, .. } => {
                 self.stored |= 1_u32.checked_shl(u32::from(page)).unwrap_or(0);
