@@ -5,10 +5,10 @@ use windlass_tests::journal_cuts::{Extent, sweep_all};
 #[test]
 fn i6_every_cut_of_a_save_leaves_the_old_or_the_new_settings() {
     let extent = Extent {
-        saves: 60,
+        saves: 40,
         ways: 2,
-        pairs: 0,
-        random: 500,
+        pairs: 1,
+        random: 1000,
     };
     for (chip, report) in sweep_all(extent) {
         println!("{chip}: {report:?}");

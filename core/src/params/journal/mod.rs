@@ -193,7 +193,7 @@ impl Journal {
         repeat: Repeat,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {
-        const { assert!(CELL as usize % F::WRITE_SIZE == 0 && F::READ_SIZE == 1) };
+        const { assert!((CELL as usize).is_multiple_of(F::WRITE_SIZE) && F::READ_SIZE == 1) };
         let before = self.newest;
         let compared = before.map_or(0, |set| set.entries());
         let measured = Pass::run(flash, content, before.as_ref(), Use::Measure(compared));
@@ -204,6 +204,11 @@ impl Journal {
                 sequence: self.sequence(),
                 written: false,
             });
+        }
+        // An unsealed set may read differently each time: what was read now must be what was meant.
+        let reads_as_meant = before.is_none_or(|set| set.finish_crc(crc) == set.crc);
+        if repeat == Repeat::Always && !reads_as_meant {
+            return Err(SaveError::Memory);
         }
         let length = u16::try_from(length).map_err(|_| SaveError::TooLarge)?;
         let moves = self.make_room(flash, Set::extent_of(length), may_erase)?;
