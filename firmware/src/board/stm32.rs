@@ -40,6 +40,37 @@ pub(super) struct Panel {
     pub(super) button: Option<Pin>,
 }
 
+impl Panel {
+    /// Makes outputs and the input.
+    pub(super) fn start(self) {
+        for pin in self.status.into_iter().chain([self.brake]).flatten() {
+            pin.output();
+        }
+        if let Some(button) = self.button {
+            button.input();
+        }
+    }
+
+    /// Shows the LEDs.
+    pub(super) fn show(self, leds: Leds) {
+        let [first, ..] = leds.ring;
+        let (red, green, blue) = mixed(first);
+        match self.status {
+            [Some(only), None, None] => only.set(red || green || blue),
+            pins => {
+                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
+                    if let Some(pin) = pin {
+                        pin.set(on);
+                    }
+                }
+            }
+        }
+        if let Some(brake) = self.brake {
+            brake.set(leds.brake != Colour::Off);
+        }
+    }
+}
+
 /// What a board is made of.
 pub(super) struct Description {
     /// Crystal in MHz.
@@ -116,21 +147,7 @@ impl Board for Controller {
     }
 
     fn show(&mut self, leds: Leds) {
-        let [first, ..] = leds.ring;
-        let (red, green, blue) = mixed(first);
-        match self.panel.status {
-            [Some(only), None, None] => only.set(red || green || blue),
-            pins => {
-                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
-                    if let Some(pin) = pin {
-                        pin.set(on);
-                    }
-                }
-            }
-        }
-        if let Some(brake) = self.panel.brake {
-            brake.set(leds.brake != Colour::Off);
-        }
+        self.panel.show(leds);
     }
 
     fn button_pressed(&mut self) -> bool {
@@ -181,15 +198,12 @@ fn build(
     start_sensors: impl FnOnce(&mut NVIC),
 ) -> (&'static mut Controller, &'static mut Thread) {
     let cause = family::take_reset_cause(&RECORD);
+    family::await_supply();
+    chip::start_watchdog();
     family::start_clocks(description.crystal_mhz);
     description.bridge.start();
     let panel = description.panel;
-    for pin in panel.status.into_iter().chain([panel.brake]).flatten() {
-        pin.output();
-    }
-    if let Some(button) = panel.button {
-        button.input();
-    }
+    panel.start();
     let board = BOARD.init_with(|| Controller {
         can: Can::default(),
         clock: Clock::default(),
