@@ -36,6 +36,7 @@ named_codes! {
 
 /// How the present run began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reset {
     /// Why.
     pub cause: ResetCause,
