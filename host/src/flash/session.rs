@@ -14,6 +14,8 @@ use crate::transport::Bus;
 
 /// Times that a device is told to restart.
 const RESTARTS: u32 = 3;
+/// Times in a row that a device may be lost without having stored another page.
+const FRUITLESS: u32 = 4;
 /// Time in which a driven device is sure to have said so: several periods of its status frame.
 const DRIVE_CHECK: Duration = Duration::from_millis(120);
 /// What a device without a serial number reports.
@@ -236,7 +238,7 @@ impl<'a, B: Bus> Session<'a, B> {
             fruitless = if now == progress { fruitless + 1 } else { 0 };
             progress = now;
             let cause = error.to_string();
-            if fruitless > 2 {
+            if fruitless > FRUITLESS {
                 let address = self.address;
                 return Err(FlashError::Lost { address, cause });
             }
