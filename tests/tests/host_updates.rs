@@ -66,7 +66,7 @@ impl<const W: usize, const S: usize, const J: usize> LoaderBus<W, S, J> {
         }
     }
 
-    fn to_loader(&mut self, frame: &Frame) {
+    fn feed_loader(&mut self, frame: &Frame) {
         let before = match &self.bench.running {
             Some(Running::Loader(loader, _)) => loader.session(),
             _ => None,
@@ -98,7 +98,7 @@ impl<const W: usize, const S: usize, const J: usize> LoaderBus<W, S, J> {
     }
 
     /// What an application does with the frame, as far as an update needs it.
-    fn to_application(&mut self, frame: &Frame) {
+    fn feed_application(&mut self, frame: &Frame) {
         let versions = FirmwareVersions {
             image: ImageType::Application,
             application: self.bench.version().unwrap_or(0),
@@ -152,9 +152,9 @@ impl<const W: usize, const S: usize, const J: usize> Bus for LoaderBus<W, S, J> 
         let base = frc_id::base(frame.extended_id().unwrap_or(0));
         self.data_frames += usize::from(base == id::VENDOR_DATA_OUT);
         if self.is_application() {
-            self.to_application(frame);
+            self.feed_application(frame);
         } else {
-            self.to_loader(frame);
+            self.feed_loader(frame);
         }
         Ok(())
     }
