@@ -52,6 +52,11 @@ pub enum Request {
     SetNumber(u8),
     /// Store a descriptor.
     SetDescriptor(Descriptor, Text),
+    /// Put the settings back to their defaults; `all`: device number and strings as well.
+    FactoryReset {
+        /// Device number and every string too, not only parameters, faults and the device's name.
+        all: bool,
+    },
     /// Show the identify pattern.
     Identify,
     /// Send the descriptors.
@@ -133,6 +138,8 @@ pub struct Management {
     image: ImageType,
     enumeration: Enumeration,
     status: Option<VendorStatus>,
+    /// The answer of the latest command comes when what it has changed is written.
+    deferred: bool,
     transfer: Transfer,
     answers: Deque<ParameterResponse, ANSWER_CAPACITY>,
 }
@@ -146,6 +153,7 @@ impl Management {
             image,
             enumeration: Enumeration::Idle,
             status: None,
+            deferred: false,
             transfer: Transfer::None,
             answers: Deque::new(),
         }
@@ -221,6 +229,7 @@ impl Management {
         }
         // A new command ends whatever the one before has left (guide, "Vendor Commands").
         self.status = None;
+        self.deferred = false;
         self.transfer = Transfer::None;
         let request = match Command::from_code(command.command) {
             None
@@ -252,6 +261,13 @@ impl Management {
                         data: Vec::new(),
                     };
                 }
+                return Decoded::Done;
+            }
+            Some(Command::FactoryReset) if command.param1 <= 1 => Request::FactoryReset {
+                all: command.param1 == 1,
+            },
+            Some(Command::FactoryReset) => {
+                self.finish(CommandCode::BadParameter);
                 return Decoded::Done;
             }
             Some(Command::FlashLeds) => Request::Identify,
@@ -305,6 +321,18 @@ impl Management {
             code: code as u16,
             byte_count: 0,
         });
+    }
+
+    /// The command that was just given is answered later, by [`Management::finish_deferred`].
+    pub const fn defer(&mut self) {
+        self.deferred = true;
+    }
+
+    /// Answers a command that was deferred, unless a new one has ended it.
+    pub fn finish_deferred(&mut self, code: CommandCode) {
+        if core::mem::take(&mut self.deferred) {
+            self.finish(code);
+        }
     }
 
     /// Ends a pin test.
