@@ -1,5 +1,6 @@
 //! One simulated controller: the real core on a virtual board.
 
+use windlass_core::dialect::DialectKind;
 use windlass_core::engine::Engine;
 use windlass_core::engine::snapshot::{Actuation, DriveState, Snapshot};
 use windlass_core::frame::Frame;
@@ -17,7 +18,9 @@ use crate::random::Random;
 use crate::replay::{ActuationHash, TickRecord};
 use crate::rig::Rig;
 use crate::spec::NodeSpec;
+use memory::Memory;
 
+mod memory;
 mod observe;
 mod poke;
 
@@ -71,8 +74,9 @@ pub struct SimNode {
     image: ImageType,
     /// Why the board runs.
     reset: Reset,
-    stored: Stored,
-    flash_writes: u32,
+    memory: Memory,
+    /// Dialect and number that were in force last.
+    identity: (DialectKind, u8),
     random: Random,
     /// Tag of the frame in the transmit mailbox.
     in_mailbox: Option<Tag>,
@@ -113,8 +117,8 @@ impl SimNode {
             rig: Rig::with_noise(plant, Random::new(seed, stream)),
             image: ImageType::Application,
             reset: Reset::POWER_ON,
-            stored,
-            flash_writes: 0,
+            memory: Memory::new(Random::new(seed, stream + 1).next(), &stored),
+            identity: (spec.dialect, spec.number),
             random: Random::new(seed, stream + 1),
             in_mailbox: None,
             wiring: Wiring {
@@ -155,9 +159,11 @@ impl SimNode {
             Some(handover) if handover.stay_in_bootloader => ImageType::Bootloader,
             _ => ImageType::Application,
         };
+        let (stored, newer_settings) = self.memory.open();
         let config = NodeConfig {
             image: self.image,
             handover,
+            newer_settings,
             reset: self.reset,
             ..NodeConfig::dmc60c(self.random.next() as u32)
         };
@@ -165,12 +171,13 @@ impl SimNode {
         self.fresh = true;
         self.snapshot = Snapshot::default();
         self.in_mailbox = None;
-        self.power = Power::On(Box::new(Node::new(now, &config, Some(&self.stored))));
+        self.power = Power::On(Box::new(Node::new(now, &config, Some(&stored))));
         self.rewire();
     }
 
     /// Stops the image; whatever was in the transmit mailbox is gone.
     fn halt(&mut self, power: Power) {
+        self.identity = (self.dialect(), self.number());
         self.power = power;
         self.actuation = Actuation::Off;
         self.snapshot = Snapshot::default();
@@ -245,7 +252,15 @@ impl SimNode {
             self.hash.update(&self.snapshot);
         }
         node.poll(now, &self.snapshot);
+        if let Some(result) = self.memory.poll(now) {
+            node.save_ended(now, result);
+        }
         self.act();
+        if let Power::On(node) = &self.power
+            && node.may_erase(now)
+        {
+            self.memory.erase_ahead(now);
+        }
     }
 
     /// Does what the node asks of its board.
@@ -265,9 +280,8 @@ impl SimNode {
         };
         match action {
             Action::Save => {
-                self.stored = node.stored();
-                self.flash_writes += 1;
-                node.saved();
+                let may_erase = node.may_erase(self.now);
+                self.memory.save(self.now, node.stored(), may_erase);
             }
             Action::PinTest(test) => node.pin_test_done(self.rig.test_pins(test)),
             Action::Reset(handover) => {

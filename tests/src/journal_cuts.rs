@@ -5,9 +5,11 @@
 //! from then on.
 
 use windlass_core::management::vendor::Descriptor;
-use windlass_core::params::Stored;
 use windlass_core::params::journal::{Change, Journal, Key, SaveError};
-use windlass_core::params::table::TABLE;
+use windlass_core::params::store::QUIET_TIME;
+use windlass_core::params::table::{ParameterId, TABLE};
+use windlass_core::params::{SaveRule, SaveTimer, Stored};
+use windlass_core::time::{Duration, Instant};
 use windlass_sim::nor::{
     Cut, CutPoint, Geometry, NorChip, NorState, Partition, Region, RegionGeometry, STM32F405,
     STM32G431, STM32G474,
@@ -391,4 +393,66 @@ pub fn sweep_all(extent: Extent) -> [(&'static str, Report); 3] {
         (G474.name, sweep::<8, 0x800>(&G474, extent)),
         (G431.name, sweep::<8, 0x800>(&G431, extent)),
     ]
+}
+
+/// What a day of changes has cost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Day {
+    /// The chip.
+    pub chip: &'static str,
+    /// The rule.
+    pub rule: SaveRule,
+    /// Sets written.
+    pub saves: u32,
+    /// Erases of each unit.
+    pub erases: Vec<u32>,
+}
+
+/// 24 hours of changes under a rule, in virtual time, one change every `period`.
+fn day<const WRITE: usize, const ERASE: usize>(
+    geometry: &'static Geometry,
+    rule: SaveRule,
+    period: Duration,
+) -> Day {
+    let mut subject = Subject::<WRITE, ERASE>::new(geometry, 3);
+    let mut timer = SaveTimer::new(rule);
+    let end = Instant::ZERO + Duration::from_millis(24 * 3600 * 1000);
+    let (mut now, mut value, first) = (Instant::ZERO, 0, subject.journal.sequence());
+    while now <= end {
+        value += 1;
+        // Any value is allowed for a gain.
+        let _ = subject.stored.params.set(ParameterId::Slot0P, value);
+        timer.changed(now);
+        let next = now + period;
+        // A save takes no time here, which only makes the next one come sooner.
+        while let Some(due) = timer.due().filter(|due| *due < next && *due <= end) {
+            let stored = subject.stored.clone();
+            timer.begin();
+            subject
+                .perform(Step::Save, &stored)
+                .expect("nothing stands in the way of a save");
+            timer.saved(due);
+        }
+        now = next;
+    }
+    Day {
+        chip: geometry.name,
+        rule,
+        saves: subject.journal.sequence() - first,
+        erases: subject.chip.erases(Region::Journal),
+    }
+}
+
+/// Days of constant change: each rule on each chip, at the period of change that makes it write most.
+#[must_use]
+pub fn days(period: Duration) -> Vec<Day> {
+    let quiet = (SaveRule::AfterQuiet, QUIET_TIME);
+    let constant = (SaveRule::SinceLastSave, period);
+    let mut days = Vec::new();
+    for (rule, period) in [quiet, constant] {
+        days.push(day::<4, 0x4000>(&F405, rule, period));
+        days.push(day::<8, 0x800>(&G474, rule, period));
+        days.push(day::<8, 0x800>(&G431, rule, period));
+    }
+    days
 }

@@ -225,7 +225,10 @@ impl Loader {
             }
             // Neither answered by a bootloader nor decoded by its management channel.
             Request::Parameter(_) | Request::EnterBootloader => {}
-            Request::PinTest(_) => self.management.finish(CommandCode::NotSupported),
+            // The bootloader knows no parameters, and there are no pins to test.
+            Request::FactoryReset { .. } | Request::PinTest(_) => {
+                self.management.finish(CommandCode::NotSupported);
+            }
             request => self.work = Some(Work::Request(request)),
         }
     }

@@ -37,6 +37,8 @@ pub struct NodeConfig {
     pub seed: u32,
     /// Left by the image before, if it restarted on purpose.
     pub handover: Option<Handover>,
+    /// What is stored is of a newer format: the node runs on defaults and saves nothing.
+    pub newer_settings: bool,
     /// Why the controller started.
     pub reset: Reset,
 }
@@ -53,6 +55,7 @@ impl NodeConfig {
             image: ImageType::Application,
             seed,
             handover: None,
+            newer_settings: false,
             reset: Reset::POWER_ON,
         }
     }
@@ -95,7 +98,7 @@ pub enum TxOutcome {
 /// What the platform has to do for the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::saved`](super::Node::saved).
+    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::save_ended`](super::Node::save_ended).
     Save,
     /// Restart with this handover.
     Reset(Handover),

@@ -6,7 +6,6 @@ use windlass_core::engine::snapshot::{Actuation, Snapshot};
 use windlass_core::led::Leds;
 use windlass_core::node::{Counters, Node};
 use windlass_core::params::Stored;
-use windlass_core::params::table::ParameterId;
 
 use super::{Power, SimNode};
 use crate::spec::NodeSpec;
@@ -24,17 +23,16 @@ impl SimNode {
     pub fn dialect(&self) -> DialectKind {
         match &self.power {
             Power::On(node) => node.dialect(),
-            _ => DialectKind::from_code(self.stored.params.get(ParameterId::Dialect))
-                .unwrap_or(self.spec.dialect),
+            _ => self.identity.0,
         }
     }
 
-    /// Device number in force; without power the stored one.
+    /// Device number in force; without power the last one.
     #[must_use]
     pub fn number(&self) -> u8 {
         match &self.power {
             Power::On(node) => node.number(),
-            _ => self.stored.number,
+            _ => self.identity.1,
         }
     }
 
@@ -53,10 +51,10 @@ impl SimNode {
         }
     }
 
-    /// What is kept over a power cycle.
+    /// What is in the settings memory: what the node would start with after a power cut now.
     #[must_use]
-    pub fn stored(&self) -> &Stored {
-        &self.stored
+    pub fn stored(&self) -> Stored {
+        self.memory.kept()
     }
 
     /// What really happens at the node.
@@ -89,8 +87,9 @@ impl SimNode {
             bus_connected: self.wiring.connected,
             drive_state: self.snapshot.state,
             faults: self.snapshot.faults.bits(),
-            flash_writes: self.flash_writes,
-            flash_erases: self.flash_writes,
+            flash_writes: self.memory.writes(),
+            flash_erases: self.memory.erases(),
+            settings: node.map(Node::settings_state),
             session: node.and_then(Node::session),
             tec: self.view.tec,
             rec: self.view.rec,

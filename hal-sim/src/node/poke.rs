@@ -29,12 +29,14 @@ impl SimNode {
         match (&self.power, powered) {
             (Power::Off, true) => {
                 self.reset = Reset::POWER_ON;
+                self.memory.power_on();
                 self.power = Power::Booting {
                     ticks: BOOT_TICKS,
                     handover: None,
                 };
             }
             (Power::Booting { .. } | Power::On(_), false) => {
+                self.memory.power_off(self.now);
                 self.halt(Power::Off);
                 self.rig.restart_counters();
             }
