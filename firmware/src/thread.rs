@@ -127,6 +127,8 @@ impl Thread {
                 self.node.save_ended(board.now(), Ok(saved));
                 None
             }
+            // No slots yet: the image was not started by a bootloader.
+            Action::Confirm => None,
             Action::PinTest(test) => {
                 let failed = board.test_pins(test);
                 self.node.pin_test_done(failed);
