@@ -78,6 +78,8 @@ pub struct Extent {
     pub ways: u64,
     /// Saves whose pairs of cuts are swept.
     pub pairs: u32,
+    /// Of these, every how many-th first cut is taken.
+    pub stride: usize,
     /// Power cuts at random.
     pub random: u32,
 }
@@ -276,7 +278,7 @@ fn step<const WRITE: usize, const ERASE: usize>(
         .expect("nothing stands in the way of a save");
     let end = subject.chip.operations();
     let (after, whole) = (subject.chip.save(), subject.journal);
-    for operation in first..end {
+    for operation in (first..end).step_by(if pairs { extent.stride } else { 1 }) {
         for point in points(extent.ways, operation) {
             subject.chip.restore(&before);
             subject.journal = journal;
@@ -385,14 +387,26 @@ journal_alone!(F405, F405_REGIONS, STM32F405);
 journal_alone!(G474, G474_REGIONS, STM32G474);
 journal_alone!(G431, G431_REGIONS, STM32G431);
 
-/// Sweeps the journals of the STM32F405, the G474 and the G431.
+/// Sweeps the journals of the STM32F405, the G474 and the G431, each in a thread of its own.
 #[must_use]
 pub fn sweep_all(extent: Extent) -> [(&'static str, Report); 3] {
-    [
-        (F405.name, sweep::<4, 0x4000>(&F405, extent)),
-        (G474.name, sweep::<8, 0x800>(&G474, extent)),
-        (G431.name, sweep::<8, 0x800>(&G431, extent)),
-    ]
+    std::thread::scope(|scope| {
+        let threads = [
+            (
+                F405.name,
+                scope.spawn(move || sweep::<4, 0x4000>(&F405, extent)),
+            ),
+            (
+                G474.name,
+                scope.spawn(move || sweep::<8, 0x800>(&G474, extent)),
+            ),
+            (
+                G431.name,
+                scope.spawn(move || sweep::<8, 0x800>(&G431, extent)),
+            ),
+        ];
+        threads.map(|(name, thread)| (name, thread.join().expect("a sweep has panicked")))
+    })
 }
 
 /// What a day of changes has cost.

@@ -9,8 +9,9 @@ use windlass_tests::journal_cuts::{Extent, days, sweep_all};
 fn main() -> ExitCode {
     let extent = Extent {
         saves: 1000,
-        ways: 2,
-        pairs: 8,
+        ways: 1,
+        pairs: 1,
+        stride: 1,
         random: 20_000,
     };
     let mut clean = true;
