@@ -41,4 +41,6 @@ pub mod launch;
 #[cfg(target_os = "none")]
 pub mod memory;
 #[cfg(target_os = "none")]
+pub mod log;
+#[cfg(target_os = "none")]
 pub mod stack;

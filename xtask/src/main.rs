@@ -6,6 +6,7 @@ mod emulator;
 mod error;
 mod firmware;
 mod image;
+mod log;
 mod measure;
 mod panics;
 mod stack;
@@ -44,8 +45,17 @@ enum Command {
     Trace,
     /// Proves by linking that no function of the core can panic
     NoPanic,
-    /// Prints how much stack the firmware can need and was seen to need in QEMU
-    Stack,
+    /// Prints how much stack the firmware can need and, of the board `qemu`, was seen to need
+    Stack {
+        /// Board to look at
+        #[arg(long, default_value = board::EMULATED)]
+        board: String,
+    },
+    /// Decodes the log of an image: raw frames on standard input become lines
+    Log {
+        /// The linked file that is running
+        elf: PathBuf,
+    },
     /// Runs the firmware in QEMU and drives it with python-can
     QemuTest {
         /// Tests to run, as unittest names them; all by default
@@ -57,9 +67,10 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Firmware { board } => firmware::run(&board).map(|_| ()),
         Command::Flash { board } => firmware::flash(&board),
+        Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
-        Command::Stack => stack::run(),
+        Command::Stack { board } => stack::run(&board),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

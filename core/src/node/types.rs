@@ -13,6 +13,7 @@ pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
 
 /// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
     /// Session id that goes on.
     pub session: u16,
@@ -37,6 +38,8 @@ pub struct NodeConfig {
     pub seed: u32,
     /// Left by the image before, if it restarted on purpose.
     pub handover: Option<Handover>,
+    /// What is stored is of a newer format: the node runs on defaults and saves nothing.
+    pub newer_settings: bool,
     /// Why the controller started.
     pub reset: Reset,
 }
@@ -53,6 +56,7 @@ impl NodeConfig {
             image: ImageType::Application,
             seed,
             handover: None,
+            newer_settings: false,
             reset: Reset::POWER_ON,
         }
     }
@@ -85,6 +89,7 @@ pub struct Transmission {
 
 /// What became of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TxOutcome {
     /// Sent and acknowledged.
     Sent,
@@ -95,16 +100,20 @@ pub enum TxOutcome {
 /// What the platform has to do for the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::saved`](super::Node::saved).
+    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::save_ended`](super::Node::save_ended).
     Save,
     /// Restart with this handover.
     Reset(Handover),
+    /// The image has answered a host for the first time since it started: end its trial with
+    /// [`Slot::confirm`](crate::boot::slots::Slot::confirm) where there are slots.
+    Confirm,
     /// Test the expansion header, then call [`Node::pin_test_done`](super::Node::pin_test_done).
     PinTest(PinTest),
 }
 
 /// Frames counted by what became of them; all wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Frames received, for whomever.
     pub received: u32,

@@ -31,6 +31,11 @@ mod stm32;
 #[cfg(all(feature = "bootloader", not(feature = "board-qemu")))]
 mod stm32_boot;
 
+#[cfg(feature = "board-qemu")]
+pub use qemu::micros;
+#[cfg(not(feature = "board-qemu"))]
+pub use stm32::micros;
+
 /// The bridge is off: the bootloader leaves all its pins as inputs, as a reset does.
 #[cfg(feature = "bootloader")]
 pub const fn bridge_off() {}

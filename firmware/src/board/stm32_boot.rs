@@ -75,7 +75,13 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     prepare();
     board.panel.start();
     chip::start_clock(board.tick_mhz);
-    let loader = LOADER.init_with(|| Loader::new(&config, &mut memory));
+    // It is made once: the program comes here once.
+    let Some(loader) = LOADER.try_init_with(|| Loader::new(&config, &mut memory)) else {
+        fault::end(Cause::Requested(Handover {
+            session: 0,
+            stay_in_bootloader: true,
+        }));
+    };
     let mut front = Front {
         board,
         can: Can::default(),
