@@ -36,6 +36,8 @@ pub mod board;
 pub mod chip;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(all(target_os = "none", not(feature = "bootloader")))]
+pub mod info;
 #[cfg(all(target_os = "none", feature = "bootloader"))]
 pub mod launch;
 #[cfg(target_os = "none")]

@@ -46,6 +46,13 @@ const _: () = assert!(
     "the slot holds the pages of this hardware and a trailer"
 );
 
+/// What the emulator loads for the slot.
+#[cfg(feature = "board-qemu")]
+pub const FACTORY: Region = map::FACTORY;
+/// The settings journal.
+#[cfg(feature = "board-qemu")]
+pub const JOURNAL: Region = map::SETTINGS;
+
 /// The settings journal's memory.
 #[must_use]
 pub const fn settings() -> Settings {

@@ -15,6 +15,7 @@ use crate::chip::family::can::Can;
 use crate::chip::stm32 as chip;
 use crate::fault::{self, RECORD};
 use crate::memory;
+use crate::record::Cause;
 
 /// Static, because it would take up most of the stack.
 static LOADER: StaticCell<Loader> = StaticCell::new();
@@ -75,22 +76,18 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     prepare();
     board.panel.start();
     chip::start_clock(board.tick_mhz);
-    // It is made once: the program comes here once.
-    let Some(loader) = LOADER.try_init_with(|| Loader::new(&config, &mut memory)) else {
-        fault::end(Cause::Requested(Handover {
-            session: 0,
-            stay_in_bootloader: true,
-        }));
-    };
-    let mut front = Front {
-        board,
-        can: Can::default(),
-        now: Instant::ZERO,
-        count: 0,
-    };
-    if let Some(mut core) = Peripherals::take() {
+    if let Some(mut core) = Peripherals::take()
+        && let Some(loader) = LOADER.try_init_with(|| Loader::new(&config, &mut memory))
+    {
         let [receive, transmit] = board.can;
-        front.can = Can::start(&mut core.NVIC, receive, transmit);
+        let mut front = Front {
+            board,
+            can: Can::start(&mut core.NVIC, receive, transmit),
+            now: Instant::ZERO,
+            count: 0,
+        };
+        fault::end(stay(&mut front, loader, &mut memory));
     }
-    fault::end(stay(&mut front, loader, &mut memory))
+    // Both are taken once: the program comes here once.
+    fault::end(Cause::UnexpectedInterrupt { number: 0 })
 }
