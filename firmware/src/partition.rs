@@ -79,6 +79,9 @@ pub trait Controller {
     fn erase(address: u32, length: u32) -> Result<(), FlashError>;
 }
 
+/// Every erase unit of every chip begins at a multiple of this.
+const SMALLEST_UNIT: u32 = 2048;
+
 /// A region that is erased in units of `ERASE` bytes.
 #[derive(Debug)]
 pub struct Partition<C, const ERASE: usize> {
@@ -95,7 +98,7 @@ impl<C: Controller, const ERASE: usize> Partition<C, ERASE> {
     pub const fn new(region: Region) -> Self {
         assert!(
             region.length > 0
-                && (region.start as usize).is_multiple_of(ERASE)
+                && region.start.is_multiple_of(SMALLEST_UNIT)
                 && (region.length as usize).is_multiple_of(ERASE),
             "the region is not made of whole erase units"
         );

@@ -26,7 +26,10 @@ fn USART1() {
 /// Takes the byte that has come in on a line.
 pub(super) fn fill(serial: Usart, queue: &Queue) {
     critical_section::with(|token| {
-        let mut queue = queue.borrow_ref_mut(token);
+        // Nothing borrows it while interrupts are masked; without a check that could panic.
+        let Ok(mut queue) = queue.borrow(token).try_borrow_mut() else {
+            return;
+        };
         if let Some(byte) = chip::received(serial) {
             // There is room: the line is stopped when the last place is taken.
             let _ = queue.push_back(byte);
@@ -40,7 +43,7 @@ pub(super) fn fill(serial: Usart, queue: &Queue) {
 /// The next byte of a line.
 pub(super) fn next(serial: Usart, queue: &Queue) -> Option<u8> {
     critical_section::with(|token| {
-        let mut queue = queue.borrow_ref_mut(token);
+        let mut queue = queue.borrow(token).try_borrow_mut().ok()?;
         let was_full = queue.is_full();
         let byte = queue.pop_front();
         if was_full {

@@ -42,7 +42,8 @@ const PERIOD: Period = if cfg!(feature = "bootloader") { LONG } else { SHORT };
 /// Line of the supply detector among the external interrupts (12.2.5; 15.3, table 103).
 const SUPPLY_LINE: usize = 16;
 
-/// A pin of a port.
+/// A pin of a port, 0 to 15; the functions below keep that range, because the register's own check would be a panic
+/// path.
 #[derive(Clone, Copy)]
 pub struct Pin(pub Gpio, pub usize);
 
@@ -51,7 +52,7 @@ impl Pin {
     #[inline]
     pub fn alternate(self, function: u8) {
         let Self(port, pin) = self;
-        port.afr(pin / 8)
+        port.afr(pin / 8 % 2)
             .modify(|select| select.set_afr(pin % 8, function));
         self.mode(Moder::ALTERNATE);
     }
@@ -74,7 +75,7 @@ impl Pin {
     pub fn pulled_up(self) {
         let Self(port, pin) = self;
         port.pupdr()
-            .modify(|pull| pull.set_pupdr(pin, Pupdr::PULL_UP));
+            .modify(|pull| pull.set_pupdr(pin % 16, Pupdr::PULL_UP));
     }
 
     /// Makes it an output, low.
@@ -87,7 +88,7 @@ impl Pin {
     #[inline]
     fn mode(self, mode: Moder) {
         let Self(port, pin) = self;
-        port.moder().modify(|modes| modes.set_moder(pin, mode));
+        port.moder().modify(|modes| modes.set_moder(pin % 16, mode));
     }
 
     /// Sets an output.

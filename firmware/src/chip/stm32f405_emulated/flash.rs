@@ -3,7 +3,9 @@
 
 use core::ptr;
 
-use crate::partition::{Controller, FlashError, Region};
+#[cfg(feature = "bootloader")]
+use crate::partition::Region;
+use crate::partition::{Controller, FlashError};
 
 /// Erase unit of the settings journal.
 pub const JOURNAL_UNIT: usize = 8 * 1024;
