@@ -95,15 +95,15 @@ const RAINBOW: [Colour; 7] = [
 ];
 
 /// Time of each rainbow colour, of each flash of a fault code, and between the sides while halted.
-const RAINBOW_STEP_MS: u64 = 100;
-const FLASH_MS: u64 = 250;
-const HALTED_MS: u64 = 250;
+const RAINBOW_STEP_MS: u32 = 100;
+const FLASH_MS: u32 = 250;
+const HALTED_MS: u32 = 250;
 /// Half period of the 1 Hz blinking without a link.
-const NO_LINK_MS: u64 = 500;
+const NO_LINK_MS: u32 = 500;
 /// Time of one running step: from 250 ms near neutral to 25 ms near full duty cycle.
-const SLOWEST_STEP_MS: u64 = 250;
-const FASTEST_STEP_MS: u64 = 25;
-const BOOTLOADER_STEP_MS: u64 = 125;
+const SLOWEST_STEP_MS: u32 = 250;
+const FASTEST_STEP_MS: u32 = 25;
+const BOOTLOADER_STEP_MS: u32 = 125;
 
 /// The indication of an application's state. `linked` tells that a CAN bus is seen.
 #[must_use]
@@ -126,12 +126,24 @@ pub fn indication(linked: bool, snapshot: &Snapshot) -> Indication {
     Indication::Drive(snapshot.duty())
 }
 
+/// Milliseconds, wrapping after 49 days. Divides in steps of 16 bits, because a division of 64 bits is a function of
+/// 400 bytes, which a bootloader cannot spare.
+fn millis(micros: u64) -> u32 {
+    let (mut quotient, mut rest) = (0_u32, 0_u32);
+    for shift in [48, 32, 16, 0] {
+        let part = rest << 16 | u32::from((micros >> shift) as u16);
+        quotient = quotient << 16 | part / 1000;
+        rest = part % 1000;
+    }
+    quotient
+}
+
 /// The LEDs for an indication at `now`.
 #[must_use]
 pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
-    let ms = now.as_micros() / 1000;
+    let ms = millis(now.as_micros());
     let ring = match indication {
-        Indication::Identify(since) => rainbow(since.as_micros() / 1000),
+        Indication::Identify(since) => rainbow(millis(since.as_micros())),
         Indication::Bootloader => running(ms / BOOTLOADER_STEP_MS, Colour::White, true),
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, Colour::Red); 4],
@@ -155,7 +167,7 @@ pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
     Leds { ring, brake }
 }
 
-fn blink(ms: u64, half_period: u64, colour: Colour) -> Colour {
+fn blink(ms: u32, half_period: u32, colour: Colour) -> Colour {
     if (ms / half_period).is_multiple_of(2) {
         colour
     } else {
@@ -164,25 +176,25 @@ fn blink(ms: u64, half_period: u64, colour: Colour) -> Colour {
 }
 
 /// Every corner goes through the seven colours, each one step behind its neighbour.
-fn rainbow(ms: u64) -> [Colour; 4] {
+fn rainbow(ms: u32) -> [Colour; 4] {
     [0, 1, 2, 3].map(|corner| {
-        let at = (ms / RAINBOW_STEP_MS + corner) % RAINBOW.len() as u64;
+        let at = (ms / RAINBOW_STEP_MS + corner) % RAINBOW.len() as u32;
         RAINBOW.get(at as usize).copied().unwrap_or_default()
     })
 }
 
 /// One LED lit, moving clockwise or back.
-fn running(step: u64, colour: Colour, clockwise: bool) -> [Colour; 4] {
+fn running(step: u32, colour: Colour, clockwise: bool) -> [Colour; 4] {
     let at = if clockwise { step % 4 } else { 3 - step % 4 };
     [0, 1, 2, 3].map(|led| if led == at { colour } else { Colour::Off })
 }
 
 /// Forward runs green and clockwise, reverse red and back, faster with the duty cycle; all four are solid
 /// at full duty cycle.
-fn drive(ms: u64, duty: Duty) -> [Colour; 4] {
+fn drive(ms: u32, duty: Duty) -> [Colour; 4] {
     let forward = duty > Duty::ZERO;
     let colour = if forward { Colour::Green } else { Colour::Red };
-    let size = u64::from(duty.magnitude());
+    let size = u32::from(duty.magnitude());
     if size >= 32767 {
         return [colour; 4];
     }
@@ -191,8 +203,8 @@ fn drive(ms: u64, duty: Duty) -> [Colour; 4] {
 }
 
 /// Red flashes on an orange ground, one more than the fault's bit, then a pause of two flashes.
-fn fault_flash(ms: u64, bit: u8) -> Colour {
-    let flashes = u64::from(bit) + 1;
+fn fault_flash(ms: u32, bit: u8) -> Colour {
+    let flashes = u32::from(bit) + 1;
     let slot = ms / FLASH_MS % (2 * flashes + 4);
     if slot < 2 * flashes && slot.is_multiple_of(2) {
         Colour::Red
@@ -206,8 +218,15 @@ mod tests {
     use super::*;
     use Colour::{Cyan, Fuchsia, Green, Off, Orange, Red};
 
-    fn ring(ms: u64, indication: Indication) -> [Colour; 4] {
-        leds(Instant::from_micros(ms * 1000), indication, Neutral::Brake).ring
+    #[test]
+    fn milliseconds_are_those_of_a_division() {
+        for micros in [0, 999, 1000, 65_535_999, 1 << 32, (1 << 48) - 1, u64::MAX] {
+            assert_eq!(millis(micros), (micros / 1000) as u32);
+        }
+    }
+
+    fn ring(ms: u32, indication: Indication) -> [Colour; 4] {
+        leds(Instant::from_micros(u64::from(ms) * 1000), indication, Neutral::Brake).ring
     }
 
     #[test]
@@ -234,7 +253,7 @@ mod tests {
     #[test]
     fn a_fault_flashes_red_as_often_as_its_bit_plus_one() {
         for bit in 0..4 {
-            let period = (2 * (u64::from(bit) + 1) + 4) * FLASH_MS;
+            let period = (2 * (u32::from(bit) + 1) + 4) * FLASH_MS;
             let reds = (0..period / FLASH_MS)
                 .filter(|slot| ring(slot * FLASH_MS, Indication::Fault(bit)) == [Red; 4])
                 .count();

@@ -62,7 +62,7 @@ fn noted() -> bool {
 }
 
 #[exception]
-fn NonMaskableInt() {
+unsafe fn NonMaskableInt() {
     if noted() && READING.load(Ordering::Relaxed) {
         UNREADABLE.store(true, Ordering::Relaxed);
     } else {
