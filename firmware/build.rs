@@ -14,12 +14,13 @@ const OWN_MAP: [(&str, &str); 3] = [
 ];
 
 /// Linker scripts; the map goes beside them as `map.x`.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 7] = [
     "alone.x",
     "application.x",
     "bootloader.x",
     "layout.x",
     "sections.x",
+    "start.x",
     "vectors.x",
 ];
 

@@ -26,7 +26,7 @@ boards! {
 }
 
 #[cfg(not(feature = "board-qemu"))]
-#[cfg_attr(feature = "bootloader", allow(dead_code))]
+#[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
 mod stm32;
 #[cfg(all(feature = "bootloader", not(feature = "board-qemu")))]
 mod stm32_boot;

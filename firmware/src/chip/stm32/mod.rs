@@ -19,7 +19,9 @@ use stm32_metapac::iwdg::vals::{Key, Pr};
 use stm32_metapac::{EXTI, IWDG, Interrupt, TIM7, UID};
 use windlass_core::time::TICK;
 
+#[cfg(not(feature = "bootloader"))]
 use crate::fault;
+#[cfg(not(feature = "bootloader"))]
 use crate::record::Cause;
 
 /// Priorities; the chips implement the upper four bits (PM0214, 4.4.4). Lower numbers preempt.
@@ -197,6 +199,7 @@ pub(super) fn watch_supply(nvic: &mut NVIC, interrupt: Interrupt) {
 }
 
 /// The supply of the chip is too low to go on: bridge off and reset. The next start waits until it is back.
+#[cfg(not(feature = "bootloader"))]
 pub(super) fn supply_is_low() -> ! {
     fault::end(Cause::SupplyLow)
 }

@@ -7,7 +7,7 @@ pub mod flash;
 use cortex_m::peripheral::NVIC;
 use stm32_metapac::flash::vals::Latency;
 use stm32_metapac::rcc::vals::{Pllm, Plln, Pllp, Pllq, Pllsrc, Ppre, Sw};
-use stm32_metapac::{FLASH, Interrupt, PWR, RCC, interrupt};
+use stm32_metapac::{FLASH, Interrupt, PWR, RCC};
 use windlass_core::reset::ResetCause;
 
 use super::stm32;
@@ -113,7 +113,7 @@ pub fn watch_supply(nvic: &mut NVIC) {
 }
 
 #[cfg(not(feature = "bootloader"))]
-#[interrupt]
+#[stm32_metapac::interrupt]
 fn PVD() {
     stm32::supply_is_low();
 }
