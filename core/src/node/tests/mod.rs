@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod keeping;
 mod reset;
 mod stored;
 
@@ -16,6 +17,7 @@ use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{
     ParameterRequest, ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
 };
+use crate::params::journal::{SaveError, Saved};
 use crate::time::{Duration, TICK};
 use proptest::prelude::*;
 
@@ -28,6 +30,8 @@ struct Bench {
     now: Instant,
     sent: Vec<(Instant, Frame)>,
     actions: Vec<Action>,
+    /// How the settings memory fails.
+    memory: Option<SaveError>,
 }
 
 impl Bench {
@@ -55,6 +59,7 @@ impl Bench {
             now: Instant::ZERO,
             sent: Vec::new(),
             actions: Vec::new(),
+            memory: None,
         }
     }
 
@@ -67,16 +72,24 @@ impl Bench {
     }
 
     fn flush(&mut self) {
+        while let Some(action) = self.node.take_action() {
+            self.actions.push(action);
+            if action == Action::Save {
+                let sequence = self.node.stored().sequence;
+                let result = self.memory.map_or(
+                    Ok(Saved {
+                        sequence,
+                        written: true,
+                    }),
+                    Err,
+                );
+                self.node.save_ended(self.now, result);
+            }
+        }
         while let Some(transmission) = self.node.poll_tx(self.now, &self.snapshot) {
             self.sent.push((self.now, transmission.frame));
             self.node
                 .on_transmitted(self.now, transmission.tag, TxOutcome::Sent);
-        }
-        while let Some(action) = self.node.take_action() {
-            self.actions.push(action);
-            if action == Action::Save {
-                self.node.saved();
-            }
         }
     }
 
