@@ -154,10 +154,7 @@ fn an_update_ends_with_the_new_version_running() {
         (report.before, report.version),
         (Some(Version(0x0117)), Version(NEW))
     );
-    assert_eq!(
-        (report.sent, report.pages, report.confirmed),
-        (7, 7, Some(true))
-    );
+    assert_eq!((report.sent, report.pages, report.confirmed), (7, 7, None));
     assert!(bench.has(&image()));
     assert_eq!(bench.device().written, [30, 5, 4, 3, 2, 1, 0]);
     use Phase::{Confirm, Enter, Erase, Restart, Verify, Write};
@@ -261,7 +258,8 @@ fn a_power_cut_in_the_middle_is_survived_and_only_missing_pages_are_sent() {
 
 #[test]
 fn after_a_power_cut_the_device_is_known_by_its_serial_number() {
-    let mut other = Device::new(5, 0x7777);
+    // Its sessions are lower, so that it is asked first.
+    let mut other = Device::new(5, 0x0001);
     other.serial = "AAAAAAAAAAAA";
     let mut device = Device::new(5, 0x1234);
     device.serial = "BBBBBBBBBBBB";
@@ -442,13 +440,15 @@ fn a_status_that_comes_late_is_not_taken_for_another_page_s() {
 }
 
 #[test]
-fn an_image_for_something_else_is_refused_before_anything_is_sent() {
+fn an_image_for_something_else_is_refused_before_a_page_is_sent() {
     let refused = |identity: Identity, change: fn(&mut Device)| {
         let mut bench = Bench::new(Device::new(5, 0x1234));
         change(bench.device());
         let error = bench.flash(&image_of(identity, 0)).unwrap_err();
         assert_eq!(bench.device().changes, 0, "{error}");
-        assert!(error.to_string().contains("nothing was sent"), "{error}");
+        // Whatever it told only in its bootloader, its application runs again.
+        assert!(!bench.device().in_bootloader, "{error}");
+        assert!(error.to_string().contains("nothing was changed"), "{error}");
         error
     };
     let product = Identity {
@@ -487,10 +487,62 @@ fn a_device_that_does_not_tell_its_hardware_is_updated_only_by_force() {
     let error = bench.flash(&image()).unwrap_err();
     assert!(matches!(error, FlashError::UnknownHardware(_)), "{error}");
     assert!(bench.device().written.is_empty());
+    assert!(!bench.device().in_bootloader);
     bench.options.force = true;
     let report = bench.flash(&image()).unwrap();
     assert_eq!((report.sent, report.confirmed), (7, None));
     assert!(bench.has(&image()));
+}
+
+#[test]
+fn a_driven_motor_or_a_foreign_product_does_not_even_enter_the_bootloader() {
+    let mut bench = Bench::new(Device::new(5, 0x1234));
+    bench.device().duty = -3000;
+    bench.flash(&image()).unwrap_err();
+    bench.device().duty = 0;
+    bench.client.listen(Duration::from_secs(1)).unwrap();
+    let foreign = Identity {
+        product: 1,
+        ..IDENTITY
+    };
+    bench.flash(&image_of(foreign, 0)).unwrap_err();
+    assert_eq!(bench.device().entered, 0);
+}
+
+#[test]
+fn a_refused_first_page_leaves_the_old_application_running() {
+    let mut bench = Bench::new(Device::new(5, 0x1234));
+    bench.device().refusals.push_back(CommandCode::BadSignature);
+    bench.flash(&image()).unwrap_err();
+    assert!(!bench.device().in_bootloader);
+    assert_eq!(bench.device().version, 0x0117);
+}
+
+#[test]
+fn a_key_is_installed_and_signs_its_successor() {
+    use ed25519_dalek::{Signature, SigningKey};
+    use windlass::image::key::install_order;
+    use windlass_core::boot::trust::key_message;
+    let old = SigningKey::from_bytes(&[1; 32]);
+    let new = SigningKey::from_bytes(&[2; 32]).verifying_key();
+    let mut bench = Bench::new(Device::new(5, 0x1234));
+    let device = bench.client.find(&"5".parse().unwrap()).unwrap();
+    let order = install_order(&old.verifying_key(), None);
+    windlass::flash::install_key(&mut bench.client, &device, &order, &mut bench.watch).unwrap();
+    assert_eq!(bench.device().order, old.verifying_key().as_bytes());
+    assert!(!bench.device().in_bootloader);
+    let order = install_order(&new, Some(&old));
+    windlass::flash::install_key(&mut bench.client, &device, &order, &mut bench.watch).unwrap();
+    let sent = bench.device().order.clone();
+    let (key, signature) = sent.split_first_chunk::<32>().unwrap();
+    assert_eq!(key, new.as_bytes());
+    let signature = Signature::from_slice(signature).unwrap();
+    let message = key_message(key);
+    assert!(
+        old.verifying_key()
+            .verify_strict(&message, &signature)
+            .is_ok()
+    );
 }
 
 #[test]
@@ -528,6 +580,8 @@ fn the_fallback_is_put_back() {
     let error = bench.roll_back().unwrap_err();
     assert!(matches!(error, FlashError::NoFallback(_)), "{error}");
     assert_eq!(bench.device().changes, 0);
+    assert!(!bench.device().in_bootloader);
+    bench.watch = Watch::default();
     bench.device().fallback = 0x0105;
     let report = bench.roll_back().unwrap();
     assert_eq!(report.version, Version(0x0105));

@@ -295,6 +295,26 @@ fn what_does_not_fit_is_refused_with_its_exit_code() {
 }
 
 #[test]
+fn a_key_is_installed_only_on_purpose() {
+    let (bus, server) = serve(vec![Device::new(5, 0x1234)], 1, None);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let name = folder.join("flash-maker");
+    for extension in ["key", "pub"] {
+        let _ = fs::remove_file(name.with_extension(extension));
+    }
+    let made = windlass(&bus, &["image", "keygen", name.to_str().unwrap()]);
+    assert_eq!(made.status.code(), Some(0), "{}", errors(&made));
+    let public = name.with_extension("pub");
+    let install = ["image", "install-key", "5", public.to_str().unwrap()];
+    fails(&windlass(&bus, &install), 2, "--permanently");
+    let output = windlass(&bus, &[&install[..], &["--permanently"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
+    let device = server.join().unwrap().remove(0);
+    assert_eq!(device.order.len(), 32);
+    assert!(!device.in_bootloader);
+}
+
+#[test]
 #[cfg(unix)]
 fn ctrl_c_ends_with_130_and_tells_how_to_go_on() {
     let (told, signal) = channel();

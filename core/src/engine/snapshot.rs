@@ -78,6 +78,7 @@ pub struct Sample {
 
 /// What the bridge does until the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Actuation {
     /// Every switch of the bridge open: the terminals float. Also the state at reset and on any fault.
     #[default]
@@ -101,6 +102,7 @@ impl Actuation {
 
 /// The control mode that a status frame reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
     /// Open-loop duty cycle.
     Duty,
@@ -131,6 +133,7 @@ impl Mode {
 
 /// State of the drive, apart from faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DriveState {
     /// Finding the zero of the current sensor after power-on; the output is off.
     #[default]
@@ -147,6 +150,7 @@ pub struct Faults(u8);
 
 /// One fault. The discriminant is its bit position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fault {
     /// Over-current (`fltOverCurrent`).
     OverCurrent = 0,

@@ -14,7 +14,7 @@ pub enum FlashError {
     Client(#[from] client::Error),
     /// Made for another product.
     #[error(
-        "the image is for product {image:#010x}, device {address} is {device:#010x}; nothing was sent"
+        "the image is for product {image:#010x}, device {address} is {device:#010x}; nothing was changed"
     )]
     WrongProduct {
         /// Which device.
@@ -25,7 +25,7 @@ pub enum FlashError {
         device: u32,
     },
     /// Made for another hardware.
-    #[error("the image is for {image}, device {address} is {device}; nothing was sent")]
+    #[error("the image is for {image}, device {address} is {device}; nothing was changed")]
     WrongHardware {
         /// Which device.
         address: Address,
@@ -36,7 +36,7 @@ pub enum FlashError {
     },
     /// Older than the device accepts.
     #[error(
-        "the image has the anti-rollback counter {image}, device {address} accepts {device} and up; nothing was sent"
+        "the image has the anti-rollback counter {image}, device {address} accepts {device} and up; nothing was changed"
     )]
     RollbackRefused {
         /// Which device.
@@ -47,10 +47,12 @@ pub enum FlashError {
         device: u32,
     },
     /// The device wants a signature.
-    #[error("device {0} accepts signed images only, and this one is not signed; nothing was sent")]
+    #[error(
+        "device {0} accepts signed images only, and this one is not signed; nothing was changed"
+    )]
     Unsigned(Address),
     /// The motor is being driven.
-    #[error("device {0} is driving its motor; nothing was sent")]
+    #[error("device {0} is driving its motor; nothing was changed")]
     Driving(Address),
     /// The device does not know the commands of this project's bootloader.
     #[error("device {0} does not tell what hardware it is")]
@@ -108,7 +110,7 @@ pub enum FlashError {
         of: usize,
     },
     /// Ended by Ctrl-C before anything was changed.
-    #[error("interrupted before anything was sent to device {0}")]
+    #[error("interrupted: device {0} has what it had before")]
     CancelledEarly(Address),
 }
 

@@ -162,3 +162,17 @@ pub fn roll_back<B: Bus>(
 ) -> Result<Report, FlashError> {
     Session::new(client, device, *options, observer).roll_back()
 }
+
+/// Installs a public key: from then on the device accepts only images that are signed with it. `order` is the
+/// key; where another key is installed, followed by that one's signature of the new one.
+///
+/// # Errors
+/// The device refused, knows no signatures, or was lost; see [`FlashError`].
+pub fn install_key<B: Bus>(
+    client: &mut Client<B>,
+    device: &Device,
+    order: &[u8],
+    observer: &mut dyn Observer,
+) -> Result<(), FlashError> {
+    Session::new(client, device, Options::default(), observer).install_key(order)
+}

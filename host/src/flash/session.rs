@@ -14,6 +14,8 @@ use crate::transport::Bus;
 
 /// Times that a device is told to restart.
 const RESTARTS: u32 = 3;
+/// Times in a row that a device may be lost without having stored another page.
+const FRUITLESS: u32 = 4;
 /// Time in which a driven device is sure to have said so: several periods of its status frame.
 const DRIVE_CHECK: Duration = Duration::from_millis(120);
 /// What a device without a serial number reports.
@@ -27,6 +29,8 @@ pub(super) struct Session<'a, B: Bus> {
     product: Option<u32>,
     serial: Option<String>,
     before: Option<Version>,
+    /// The bootloader runs because this session asked for it.
+    entered: bool,
     /// The device has everything and has committed it.
     committed: bool,
     /// Pages of the image that the device is known to have.
@@ -53,6 +57,7 @@ impl<'a, B: Bus> Session<'a, B> {
             product: device.product_id,
             serial: None,
             before: None,
+            entered: false,
             committed: false,
             stored: 0,
             of: 0,
@@ -70,7 +75,8 @@ impl<'a, B: Bus> Session<'a, B> {
         let status = self.look()?;
         self.check(image, status.as_ref())?;
         self.of = image.pages().len();
-        self.again(|session| session.update_once(image))?;
+        let updated = self.again(|session| session.update_once(image));
+        self.unless_unchanged(updated)?;
         let version = Version(image.header().identity.version);
         self.report(version)
     }
@@ -82,8 +88,51 @@ impl<'a, B: Bus> Session<'a, B> {
             return Err(FlashError::NoFallback(self.address));
         }
         let mut version = fallback;
-        self.again(|session| session.roll_back_once(&mut version))?;
+        let restored = self.again(|session| session.roll_back_once(&mut version));
+        self.unless_unchanged(restored)?;
         self.report(Version(version))
+    }
+
+    /// Installs a public key in the bootloader and goes back to the application, if there is one.
+    pub(super) fn install_key(mut self, order: &[u8]) -> Result<(), FlashError> {
+        self.look()?;
+        self.enter()?;
+        let installed = self.client.install_key(self.address, order);
+        self.unless_unchanged(installed.map_err(FlashError::from))?;
+        self.leave();
+        Ok(())
+    }
+
+    /// After an error with nothing sent, the device goes back to the application that it still has.
+    fn unless_unchanged(&mut self, result: Result<(), FlashError>) -> Result<(), FlashError> {
+        let Err(error) = result else {
+            return Ok(());
+        };
+        let is_reachable = !matches!(
+            error,
+            FlashError::Lost { .. } | FlashError::Client(client::Error::Bus(_))
+        );
+        if self.sent > 0 || !is_reachable || !self.leave() {
+            return Err(error);
+        }
+        Err(match error {
+            FlashError::Cancelled { address, .. } => FlashError::CancelledEarly(address),
+            other => other,
+        })
+    }
+
+    /// Restarts a bootloader that this session has entered and that has an application; true if it did.
+    fn leave(&mut self) -> bool {
+        let versions = self.client.firmware_versions(self.address);
+        let has_application = versions.is_ok_and(|versions| {
+            versions.image != ImageType::Application && versions.application != NO_VERSION
+        });
+        if !self.entered || !has_application {
+            return false;
+        }
+        self.observer.phase(Phase::Restart);
+        // If this fails, the device starts its application at the next power-on.
+        self.client.soft_reset(self.address).is_ok()
     }
 
     fn report(self, version: Version) -> Result<Report, FlashError> {
@@ -189,7 +238,7 @@ impl<'a, B: Bus> Session<'a, B> {
             fruitless = if now == progress { fruitless + 1 } else { 0 };
             progress = now;
             let cause = error.to_string();
-            if fruitless > 2 {
+            if fruitless > FRUITLESS {
                 let address = self.address;
                 return Err(FlashError::Lost { address, cause });
             }
@@ -301,6 +350,7 @@ impl<'a, B: Bus> Session<'a, B> {
                 return Ok(());
             }
             self.observer.phase(Phase::Enter);
+            self.entered = true;
             let restarted = self.client.enter_bootloader(self.address);
             unless_refused(restarted)?;
         }

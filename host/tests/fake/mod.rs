@@ -27,6 +27,8 @@ use windlass_core::node::PRODUCT_DMC60C;
 
 /// Time of one frame on the bus.
 const FRAME_TIME: Duration = Duration::from_micros(140);
+/// Stands for a key where a page is expected.
+const KEY: u8 = 0xFF;
 /// Time until a device answers.
 const ANSWER_TIME: Duration = Duration::from_millis(1);
 
@@ -55,9 +57,14 @@ pub(crate) struct Device {
     pub delays: VecDeque<Duration>,
     /// Every page that was stored, in order.
     pub written: Vec<u8>,
-    /// Commands that change something.
+    /// Restarts into the bootloader.
+    pub entered: usize,
+    /// Pages that arrived and fallbacks that were put back.
     pub changes: usize,
+    /// The order to install a key.
+    pub order: Vec<u8>,
     transfer: Option<(u8, Vec<u8>)>,
+    expected: usize,
 }
 
 impl Device {
@@ -79,8 +86,11 @@ impl Device {
             refusals: VecDeque::new(),
             delays: VecDeque::new(),
             written: Vec::new(),
+            entered: 0,
             changes: 0,
+            order: Vec::new(),
             transfer: None,
+            expected: 0,
         }
     }
 
@@ -207,8 +217,10 @@ impl Device {
                 stream.extend(text.bytes());
                 self.data(&stream)
             }
-            Command::GetBootStatus if self.is_ours => self.data(&self.status().to_bytes()),
-            Command::GetPageCrcs if self.is_ours => {
+            Command::GetBootStatus if self.in_bootloader && self.is_ours => {
+                self.data(&self.status().to_bytes())
+            }
+            Command::GetPageCrcs if self.in_bootloader && self.is_ours => {
                 let mut bytes = Vec::new();
                 for page in 0..PAGE_COUNT {
                     let crc = self.pages.get(&page).map_or(0, |page| page_transfer(page));
@@ -217,7 +229,7 @@ impl Device {
                 self.data(&bytes)
             }
             Command::EnterBootloader => {
-                self.changes += 1;
+                self.entered += 1;
                 self.in_bootloader = true;
                 vec![(restart, self.sts(CommandCode::InBootloader, 0))]
             }
@@ -229,7 +241,13 @@ impl Device {
                 vec![(restart, self.sts(CommandCode::AcknowledgeReset, 0))]
             }
             Command::EraseWriteFlashPage if self.in_bootloader => {
+                self.expected = PAGE_SIZE + 4;
                 self.transfer = Some((command.param2 as u8, Vec::new()));
+                Vec::new()
+            }
+            Command::InstallKey if self.in_bootloader => {
+                self.expected = usize::from(command.param1);
+                self.transfer = Some((KEY, Vec::new()));
                 Vec::new()
             }
             Command::RestoreFallback if self.in_bootloader && self.fallback != NO_VERSION => {
@@ -247,15 +265,20 @@ impl Device {
             return Vec::new();
         };
         data.extend(bytes);
-        if data.len() > PAGE_SIZE + 4 {
+        if data.len() > self.expected {
             self.transfer = None;
             return self.code(CommandCode::DataReceivedMore);
         }
-        if data.len() < PAGE_SIZE + 4 {
+        if data.len() < self.expected {
             return Vec::new();
         }
         let (page, data) = (*page, data.clone());
         self.transfer = None;
+        if page == KEY {
+            self.order = data;
+            self.key_installed = true;
+            return self.code(CommandCode::NoError);
+        }
         self.changes += 1;
         let (contents, crc) = data.split_first_chunk::<PAGE_SIZE>().unwrap();
         let code = if crc == page_transfer(contents).to_le_bytes() {
