@@ -162,6 +162,8 @@ impl Thread {
                 board.log(Event::Saved);
                 None
             }
+            // No slots yet: the image was not started by a bootloader.
+            Action::Confirm => None,
             Action::PinTest(test) => {
                 let failed = board.test_pins(test);
                 self.node.pin_test_done(failed);

@@ -82,6 +82,7 @@ fuzz_target!(|input: &[u8]| {
                     node = Node::new(now, &config, Some(&stored));
                     engine = Engine::new();
                 }
+                Some(Action::Confirm) => {}
                 Some(Action::PinTest(_)) => node.pin_test_done(None),
                 None => {}
             }

@@ -2,6 +2,7 @@
 //! frame, in virtual time.
 
 pub mod boot_bench;
+pub mod boot_cuts;
 pub mod journal_cuts;
 
 use windlass_core::dialect::dmc60c::wire::{

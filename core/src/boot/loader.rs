@@ -246,6 +246,19 @@ impl Loader {
         }
     }
 
+    /// True if [`Loader::work`] has something to do.
+    #[must_use]
+    pub const fn has_work(&self) -> bool {
+        self.work.is_some()
+    }
+
+    /// True if the loader does anything with this frame beside seeing that there is a bus: what a hardware
+    /// filter has to let through.
+    #[must_use]
+    pub fn accepts(&self, frame: &Frame) -> bool {
+        self.management.accepts(self.number, frame)
+    }
+
     /// Does what the last frame has asked for; true if it was anything. May take as long as the flash needs
     /// to erase the largest unit.
     pub fn work<A: NorFlash, F: NorFlash, J: NorFlash>(
@@ -342,7 +355,7 @@ impl Loader {
         let (frame, answer) = self.management.encode(now, number, product_id, versions)?;
         let attempts = match answer {
             Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
-            Answer::Other => Attempts::UntilSent,
+            Answer::Other | Answer::Dialect => Attempts::UntilSent,
         };
         Some(Transmission {
             frame,
@@ -359,7 +372,7 @@ impl Loader {
                 let session = self.sessions.draw(now);
                 self.management.enumerate_0_destroyed(now, session);
             }
-            (Answer::Other, _) => {}
+            (Answer::Other | Answer::Dialect, _) => {}
         }
     }
 

@@ -121,8 +121,10 @@ pub enum Decoded {
 pub enum Answer {
     /// First enumeration answer: the second may follow once it has been sent.
     Enumerate0,
-    /// Any other.
+    /// Any other of the management channel.
     Other,
+    /// None of the management channel's: a frame of the dialect.
+    Dialect,
 }
 
 /// Bulk data transfer of a vendor command.
@@ -206,6 +208,19 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
     /// The bus is lost: session, transfers and pending answers are void.
     pub fn stop(&mut self) {
         *self = Self::new(self.image);
+    }
+
+    /// True for the identifiers that [`Management::decode`] knows. `own` is the present device number.
+    #[must_use]
+    pub fn accepts(&self, own: u8, frame: &Frame) -> bool {
+        frame.extended_id().is_some_and(|id| match base(id) {
+            id::ENUMERATE => true,
+            id::VENDOR_COMMAND | id::VENDOR_DATA_OUT => number(id) == own,
+            id::PARAMETER_REQUEST | id::PARAMETER_SET => {
+                number(id) == own && self.image == ImageType::Application
+            }
+            _ => false,
+        })
     }
 
     /// Reads one frame. `own` is the present device number.

@@ -33,6 +33,32 @@ use crate::time::Instant;
 /// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
 const STATUS_ATTEMPTS: u8 = 1;
 
+/// Whether the image has answered a host, which ends its trial (docs/updates.md).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Confirmation {
+    Silent,
+    Answered,
+    Told,
+}
+
+impl Confirmation {
+    /// An answer has been sent and acknowledged.
+    const fn answered(&mut self) {
+        if matches!(self, Self::Silent) {
+            *self = Self::Answered;
+        }
+    }
+
+    /// True once, after the first answer.
+    fn take(&mut self) -> bool {
+        let due = *self == Self::Answered;
+        if due {
+            *self = Self::Told;
+        }
+        due
+    }
+}
+
 /// One controller, apart from its engine and its hardware.
 #[derive(Clone, Debug)]
 pub struct Node {
@@ -49,6 +75,7 @@ pub struct Node {
     pin_test: Option<PinTest>,
     identify_since: Option<Instant>,
     sessions: SessionIds,
+    confirm: Confirmation,
 }
 
 impl Node {
@@ -82,6 +109,7 @@ impl Node {
             pin_test: None,
             identify_since: None,
             sessions: SessionIds::new(config.seed),
+            confirm: Confirmation::Silent,
         };
         if let Some(handover) = config.handover {
             node.resume(now, handover);
@@ -262,7 +290,7 @@ impl Node {
         if let Some((frame, answer)) = answer {
             let attempts = match answer {
                 Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
-                Answer::Other => Attempts::UntilSent,
+                Answer::Other | Answer::Dialect => Attempts::UntilSent,
             };
             return Some(Transmission {
                 frame,
@@ -287,7 +315,7 @@ impl Node {
         };
         Some(Transmission {
             frame,
-            tag: Tag(Answer::Other),
+            tag: Tag(Answer::Dialect),
             attempts,
         })
     }
@@ -303,7 +331,8 @@ impl Node {
                 let session = self.sessions.draw(now);
                 self.management.enumerate_0_destroyed(now, session);
             }
-            (Answer::Other, _) => {}
+            (Answer::Other, TxOutcome::Sent) => self.confirm.answered(),
+            (Answer::Other | Answer::Dialect, _) => {}
         }
     }
 
@@ -329,6 +358,8 @@ impl Node {
             Some(Action::Save)
         } else if let Some(test) = self.pin_test.take() {
             Some(Action::PinTest(test))
+        } else if self.confirm.take() {
+            Some(Action::Confirm)
         } else if self.keeping.is_idle() {
             self.reset.take().map(Action::Reset)
         } else {

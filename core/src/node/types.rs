@@ -104,6 +104,9 @@ pub enum Action {
     Save,
     /// Restart with this handover.
     Reset(Handover),
+    /// The image has answered a host for the first time since it started: end its trial with
+    /// [`Slot::confirm`](crate::boot::slots::Slot::confirm) where there are slots.
+    Confirm,
     /// Test the expansion header, then call [`Node::pin_test_done`](super::Node::pin_test_done).
     PinTest(PinTest),
 }

@@ -32,6 +32,7 @@ impl SimNode {
     pub fn number(&self) -> u8 {
         match &self.power {
             Power::On(node) => node.number(),
+            Power::Loading(loading) => loading.loader.number(),
             _ => self.identity.1,
         }
     }
@@ -42,7 +43,7 @@ impl SimNode {
         &self.snapshot
     }
 
-    /// The running node; none without power and while booting.
+    /// The running application's node; none without power, while booting and in the bootloader.
     #[must_use]
     pub fn node(&self) -> Option<&Node> {
         match &self.power {
@@ -81,7 +82,11 @@ impl SimNode {
             fwd_limit_closed: header.forward_closed,
             rev_limit_closed: header.reverse_closed,
             index_pin: plant.encoder.index(),
-            leds: node.map_or_else(Leds::default, |node| node.leds(self.now, &self.snapshot)),
+            leds: match &self.power {
+                Power::On(node) => node.leds(self.now, &self.snapshot),
+                Power::Loading(loading) => loading.loader.leds(self.now),
+                _ => Leds::default(),
+            },
             mode: self.image,
             powered: !matches!(self.power, Power::Off),
             bus_connected: self.wiring.connected,
@@ -90,12 +95,20 @@ impl SimNode {
             flash_writes: self.memory.writes(),
             flash_erases: self.memory.erases(),
             settings: node.map(Node::settings_state),
-            session: node.and_then(Node::session),
+            session: match &self.power {
+                Power::On(node) => node.session(),
+                Power::Loading(loading) => loading.loader.session(),
+                _ => None,
+            },
             tec: self.view.tec,
             rec: self.view.rec,
             error_state: self.view.error_state,
             bus_off_count: self.view.bus_off_count,
-            counters: node.map_or_else(Counters::default, |node| *node.counters()),
+            counters: match &self.power {
+                Power::On(node) => *node.counters(),
+                Power::Loading(loading) => loading.counters(),
+                _ => Counters::default(),
+            },
         }
     }
 }

@@ -29,7 +29,9 @@ struct Bench {
     snapshot: Snapshot,
     now: Instant,
     sent: Vec<(Instant, Frame)>,
+    /// What the node has asked for, but for confirmations.
     actions: Vec<Action>,
+    confirmations: u32,
     /// How the settings memory fails.
     memory: Option<SaveError>,
 }
@@ -59,6 +61,7 @@ impl Bench {
             now: Instant::ZERO,
             sent: Vec::new(),
             actions: Vec::new(),
+            confirmations: 0,
             memory: None,
         }
     }
@@ -73,6 +76,10 @@ impl Bench {
 
     fn flush(&mut self) {
         while let Some(action) = self.node.take_action() {
+            if action == Action::Confirm {
+                self.confirmations += 1;
+                continue;
+            }
             self.actions.push(action);
             if action == Action::Save {
                 let sequence = self.node.stored().sequence;
