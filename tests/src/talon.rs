@@ -34,11 +34,11 @@ pub const VELOCITY: Profile = Profile {
 
 /// Gains for the default plant in position mode.
 pub const POSITION: Profile = Profile {
-    p: 0.06,
-    i: 0.0,
-    d: 2.0,
+    p: 0.1,
+    i: 0.001,
+    d: 3.0,
     f: 0.0,
-    i_zone: 0,
+    i_zone: 200,
     close_loop_ramp_rate: 0.0,
 };
 

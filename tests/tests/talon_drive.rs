@@ -191,20 +191,26 @@ fn row_75_motor_safety_ends_the_drive_and_enable_with_set_resumes() {
     assert_eq!(bench.throttle(0), 511);
 }
 
-/// Applied throttle every 10 ms from the general status frames, for `millis`.
-fn throttles(bench: &TalonBench, number: u8, millis: u64) -> Vec<i32> {
-    let from = bench.next_frame();
-    bench.run(millis);
-    let frames = bench.general(from, number);
-    frames.iter().map(|status| i32::from(status.throttle)).collect()
-}
-
-fn largest_step(throttles: &[i32]) -> i32 {
-    throttles
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]).abs())
-        .max()
-        .unwrap()
+/// Watches the terminals of a node for `millis`: the largest single change of the throttle, the shortest time
+/// between two changes in µs, and the milliseconds after which `until` was reached.
+fn watch(bench: &TalonBench, index: usize, millis: u64, until: i32) -> (i32, u64, Option<u64>) {
+    let (mut largest, mut shortest, mut reached) = (0, u64::MAX, None);
+    let (mut throttle, mut changed_at) = (bench.throttle(index), None);
+    for tick in 1..=millis * 2 {
+        bench.run_us(500);
+        let now = bench.throttle(index);
+        if now != throttle {
+            largest = largest.max((now - throttle).abs());
+            if let Some(before) = changed_at.replace(tick) {
+                shortest = shortest.min((tick - before) * 500);
+            }
+            throttle = now;
+        }
+        if now == until && reached.is_none() {
+            reached = Some(tick / 2);
+        }
+    }
+    (largest, shortest, reached)
 }
 
 #[test]
@@ -212,15 +218,13 @@ fn row_36_voltage_ramp_limits_the_change_per_10_ms_both_ways() {
     let (bench, talon) = TalonBench::enabled();
     talon.set_ramp_steps(10).unwrap();
     talon.set(1.0).unwrap();
-    let seen = throttles(&bench, 3, 1200);
-    assert!(largest_step(&seen) <= 10, "{seen:?}");
-    let full = seen.iter().position(|throttle| *throttle == 1023).unwrap();
-    assert!((101..=104).contains(&full), "full after {full}0 ms");
+    let (largest, shortest, full) = watch(&bench, 0, 1200, 1023);
+    assert_eq!((largest, shortest), (10, 10_000));
+    assert!((1010..=1030).contains(&full.unwrap()), "{full:?}");
     talon.set(-1.0).unwrap();
-    let seen = throttles(&bench, 3, 2300);
-    assert!(largest_step(&seen) <= 10);
-    let full = seen.iter().position(|throttle| *throttle == -1023).unwrap();
-    assert!((203..=207).contains(&full), "reverse after {full}0 ms");
+    let (largest, shortest, full) = watch(&bench, 0, 2300, -1023);
+    assert_eq!((largest, shortest), (10, 10_000));
+    assert!((2030..=2060).contains(&full.unwrap()), "{full:?}");
     // 0 switches it off.
     talon.set_ramp_steps(0).unwrap();
     talon.set(1.0).unwrap();
@@ -237,21 +241,16 @@ fn row_36_voltage_ramp_acts_in_closed_loops_and_followers_too() {
     master.set_profile(0, &VELOCITY).unwrap();
     master.set_ramp_steps(20).unwrap();
     master.set_control_mode(ControlMode::Speed).unwrap();
-    master.set(30_000.0).unwrap();
     slave.set_control_mode(ControlMode::Follower).unwrap();
     slave.set_ramp_steps(5).unwrap();
     slave.set(3.0).unwrap();
-    let from = bench.next_frame();
-    bench.run(1000);
-    let applied = |number| -> Vec<i32> {
-        let frames = bench.general(from, number);
-        frames.iter().map(|status| i32::from(status.throttle)).collect()
-    };
-    let (master, slave) = (applied(3), applied(4));
-    assert!(largest_step(&master) <= 20, "{master:?}");
-    assert!(*master.iter().max().unwrap() > 500);
-    assert!(largest_step(&slave) <= 5, "{slave:?}");
-    assert!(*slave.iter().max().unwrap() > 400);
+    master.set(30_000.0).unwrap();
+    let (largest, shortest, _) = watch(&bench, 0, 400, 0);
+    assert!(largest <= 20 && shortest >= 10_000, "{largest} {shortest}");
+    assert!(bench.throttle(0) > 500);
+    let (largest, shortest, _) = watch(&bench, 1, 600, 0);
+    assert!(largest <= 5 && shortest >= 10_000, "{largest} {shortest}");
+    assert!(bench.throttle(1) > 400);
 }
 
 #[test]
@@ -439,7 +438,10 @@ fn row_95_a_fast_general_status_shows_the_ramp_step_by_step() {
     talon.set_status_frame_rate_ms(StatusFrame::General, 1).unwrap();
     talon.set_ramp_steps(10).unwrap();
     talon.set(0.2).unwrap();
-    let seen = throttles(&bench, 3, 100);
+    let from = bench.next_frame();
+    bench.run(100);
+    let frames = bench.general(from, 3);
+    let seen: Vec<i16> = frames.iter().map(|status| status.throttle).collect();
     assert!(seen.len() >= 98, "{}", seen.len());
     let steps = seen.windows(2).filter(|pair| pair[0] != pair[1]).count();
     assert!((9..=10).contains(&steps), "{seen:?}");

@@ -48,8 +48,7 @@ fn row_47_velocity_and_position_loops_reach_their_targets_on_the_plant() {
         talon.set(f64::from(target)).unwrap();
         bench.run(4000);
         let position = talon.position().fresh().unwrap();
-        // Without an integral a remaining error of one throttle unit is 1/P = 16 counts.
-        assert!(position.abs_diff(target) < 40, "{target}: {position}");
+        assert!(position.abs_diff(target) < 20, "{target}: {position}");
         talon.set_control_mode(ControlMode::PercentVbus).unwrap();
         talon.set(0.0).unwrap();
         bench.run(500);

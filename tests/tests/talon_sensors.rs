@@ -89,7 +89,7 @@ fn row_42_row_86_rising_edges_count_up_only_and_never_drive_backwards() {
     bench.run(50);
     assert_eq!(bench.throttle(0), 0);
     talon.reverse_output(true).unwrap();
-    talon.set(500.0).unwrap();
+    talon.set(5_000.0).unwrap();
     bench.run(20);
     assert!(bench.throttle(0) < 0);
 }
