@@ -1,6 +1,7 @@
 //! Configuration: the table of parameters, their values, and how they are kept.
 
 pub mod compile;
+pub mod journal;
 pub mod store;
 pub mod table;
 

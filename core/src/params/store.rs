@@ -41,6 +41,12 @@ impl Descriptors {
         }
     }
 
+    /// The text of one descriptor, if one has been set.
+    #[must_use]
+    pub fn stored(&self, which: Descriptor) -> Option<&[u8]> {
+        self.texts.get(which as usize - 1)?.as_deref()
+    }
+
     /// Replaces one descriptor; text beyond its capacity is cut off.
     pub fn set(&mut self, which: Descriptor, text: &[u8]) {
         let kept = text.get(..which.capacity().min(text.len())).unwrap_or(&[]);
