@@ -19,7 +19,9 @@
     )
 )]
 
+pub mod boot;
 pub mod bridge;
+pub mod crc;
 pub mod dialect;
 pub mod engine;
 pub mod field;
@@ -29,6 +31,7 @@ pub mod led;
 pub mod management;
 pub mod node;
 pub mod params;
+pub mod reset;
 pub mod slcan;
 pub mod time;
 pub mod units;

@@ -5,10 +5,13 @@ error states, PWM and dead time, the analog converter, flash, LEDs, the brake/co
 input and the watchdog.
 """
 
+import os
 import time
 import unittest
 
-from emulator import EmulatorTest, dmc60c
+from emulator import ROOT, EmulatorTest, dmc60c
+
+SOURCES = os.path.join(ROOT, "firmware", "src")
 
 DUTY = 8_000
 NAME_FIELD = 1
@@ -16,6 +19,14 @@ VELOCITY_GAINS = {dmc60c.P_GAIN: dmc60c.fixed(0.25), dmc60c.I_GAIN: dmc60c.fixed
                   dmc60c.F_GAIN: dmc60c.fixed(0.9)}
 POSITION_GAINS = {dmc60c.P_GAIN: dmc60c.fixed(4), dmc60c.I_GAIN: dmc60c.fixed(0.004),
                   dmc60c.D_GAIN: dmc60c.fixed(100), dmc60c.I_ZONE: 400_000}
+
+
+def fnv_1a(name: str) -> int:
+    """The hash that a panic leaves of its file's name."""
+    value = 0x811C9DC5
+    for byte in name.encode():
+        value = (value ^ byte) * 0x01000193 & 0xFFFF_FFFF
+    return value
 
 
 class Management(EmulatorTest):
@@ -187,9 +198,11 @@ class Driving(EmulatorTest):
 
 
 class Crash(EmulatorTest):
-    def crash(self, how: str) -> str:
-        """Crashes while the motor is driven; gives the console's line about it."""
+    def crash(self, how: str) -> tuple:
+        """Crashes while the motor is driven; gives what the controller tells of its start over the bus."""
         self.enumerate()
+        self.assertEqual(self.get(dmc60c.RESET_CAUSE), dmc60c.RESET_POWER_ON)
+        self.assertEqual(self.get(dmc60c.RESET_COUNT), 0)
         self.drive(dmc60c.VOLTAGE, DUTY)
         self.quiet()
         self.emulator.crash(how)
@@ -198,19 +211,39 @@ class Crash(EmulatorTest):
         # A new node: it has forgotten the bus, and its output is off.
         seen = self.ask(dmc60c.enumerate_request(), periods=20)
         self.assertEqual(self.general(seen).duty, 0)
-        lines = self.emulator.close().splitlines()
-        return [line for line in lines if "restarted" in line][-1]
+        self.enumerate()
+        self.assertEqual(self.get(dmc60c.RESET_COUNT), 1)
+        return tuple(self.get(parameter) & 0xFFFF_FFFF for parameter in (
+            dmc60c.RESET_CAUSE, dmc60c.RESET_DETAIL, dmc60c.RESET_PLACE))
 
-    def test_a_panic_is_recorded_and_ends_in_a_restart(self):
-        self.assertRegex(self.crash("panic"), r"cause 00000002 0000[0-9a-f]{4} [0-9a-f]{8}$")
+    def test_a_panic_is_told_after_the_restart(self):
+        cause, line, file = self.crash("panic")
+        self.assertEqual(cause, dmc60c.RESET_PANIC)
+        source = os.path.join(SOURCES, "board", "qemu", "serial.rs")
+        with open(source, encoding="utf-8") as text:
+            self.assertIn("panic!", text.readlines()[line - 1])
+        self.assertEqual(file, fnv_1a("firmware/src/board/qemu/serial.rs"))
 
-    def test_a_processor_fault_is_recorded_and_ends_in_a_restart(self):
+    def test_a_processor_fault_is_told_after_the_restart(self):
+        cause, status, _ = self.crash("fault")
         # Bit 16 of the fault status: undefined instruction.
-        self.assertRegex(self.crash("fault"), r"cause 00000003 00010000 [0-9a-f]{8}$")
+        self.assertEqual((cause, status), (dmc60c.RESET_FAULT, 1 << 16))
 
-    def test_an_unexpected_interrupt_is_recorded_and_ends_in_a_restart(self):
+    def test_an_unexpected_interrupt_is_told_after_the_restart(self):
         # TIM5 is interrupt 50.
-        self.assertRegex(self.crash("interrupt"), r"cause 00000004 00000032 00000000$")
+        self.assertEqual(self.crash("interrupt"), (dmc60c.RESET_INTERRUPT, 50, 0))
+
+    def test_a_stack_overflow_is_told_after_the_restart(self):
+        cause, _, pointer = self.crash("stack")
+        self.assertEqual(cause, dmc60c.RESET_STACK)
+        self.assertLess(pointer, 0x2000_0000)
+
+    def test_a_restart_that_was_asked_for_is_told(self):
+        self.enumerate()
+        status, _ = self.command(dmc60c.SOFT_RESET)
+        self.assertEqual(status.error, dmc60c.ACK_RESET)
+        self.assertEqual(self.get(dmc60c.RESET_CAUSE), dmc60c.RESET_REQUESTED)
+        self.assertEqual(self.get(dmc60c.RESET_COUNT), 1)
 
 
 class Flood(EmulatorTest):

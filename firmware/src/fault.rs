@@ -9,6 +9,7 @@ use cortex_m_rt::exception;
 
 use crate::board;
 use crate::record::{Cause, Record, hash};
+use crate::stack;
 
 /// Survives a reset: `.uninit` is neither zeroed nor loaded at the start.
 #[unsafe(link_section = ".uninit.RECORD")]
@@ -39,20 +40,26 @@ global_asm!(
     ".type HardFault, %function",
     ".thumb_func",
     "HardFault:",
-    "ldr r0, =_stack_start",
-    "msr msp, r0",
+    "mrs r0, msp",
+    "ldr r1, =_stack_start",
+    "msr msp, r1",
     "b {handler}",
     ".ltorg",
     ".size HardFault, . - HardFault",
     handler = sym hard_fault,
 );
 
-extern "C" fn hard_fault() -> ! {
+extern "C" fn hard_fault(pointer: u32) -> ! {
     // SAFETY: reading these registers has no side effect, and nothing else runs any more.
     let scb = unsafe { &*SCB::PTR };
-    end(Cause::HardFault {
-        status: scb.cfsr.read(),
-        address: scb.bfar.read(),
+    let status = scb.cfsr.read();
+    end(if pointer < stack::end() {
+        Cause::StackOverflow { status, pointer }
+    } else {
+        Cause::HardFault {
+            status,
+            address: scb.bfar.read(),
+        }
     })
 }
 

@@ -27,6 +27,9 @@ pub trait Bus {
     /// Starts a transmission. Called only while none is on its way; its end is reported by
     /// [`Bus::poll`].
     fn transmit(&mut self, now: Instant, transmission: &Transmission);
+
+    /// Received frames that were lost since power-on because nobody took them; wraps.
+    fn dropped(&self) -> u32;
 }
 
 /// A board as thread mode sees it.

@@ -3,6 +3,7 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use windlass_core::node::Handover;
+use windlass_core::reset::{Reset, ResetCause};
 
 /// Tells a record from what RAM holds after power-on.
 const MAGIC: u32 = 0x5EC0_57A7;
@@ -31,15 +32,31 @@ pub enum Cause {
         /// Its exception number.
         number: u32,
     },
+    /// A fault of the processor with the stack pointer beyond the end of the stack.
+    StackOverflow {
+        /// Configurable Fault Status Register.
+        status: u32,
+        /// Stack pointer.
+        pointer: u32,
+    },
 }
 
-/// Memory of one [`Cause`].
+/// How a run begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// For the node.
+    pub reset: Reset,
+    /// Left by the run before, if it restarted on purpose.
+    pub handover: Option<Handover>,
+}
+
+/// Memory of one [`Cause`] and of the number of restarts since power-on.
 ///
-/// Four words and their checksum; atomics, so that the panic and fault handlers can write them from
-/// anywhere.
+/// Words with their checksums; atomics, so that the panic and fault handlers can write them from anywhere.
 #[derive(Debug)]
 pub struct Record {
     words: [AtomicU32; 4],
+    count: [AtomicU32; 2],
 }
 
 impl Record {
@@ -48,6 +65,7 @@ impl Record {
     pub const fn new() -> Self {
         Self {
             words: [const { AtomicU32::new(0) }; 4],
+            count: [const { AtomicU32::new(0) }; 2],
         }
     }
 
@@ -59,8 +77,51 @@ impl Record {
         }
     }
 
+    /// How this run begins. To be called once for every start, with the cause that the chip tells: it
+    /// wins over the record, unless it only says that the program has reset itself.
+    pub fn start(&self, hardware: ResetCause) -> Start {
+        let kept = self.take();
+        let before = self.count();
+        let powered_off = matches!(hardware, ResetCause::PowerOn)
+            || (hardware == ResetCause::Unknown && before.is_none() && kept.is_none());
+        let count = match before {
+            Some(count) if !powered_off => count.saturating_add(1),
+            _ => 0,
+        };
+        self.set_count(count);
+        let by_program = matches!(hardware, ResetCause::Requested | ResetCause::Unknown);
+        let (reset, handover) = match kept {
+            Some(cause) if by_program => cause.told(),
+            _ if powered_off => (Reset::POWER_ON, None),
+            _ => (Reset::first(hardware), None),
+        };
+        Start {
+            reset: Reset { count, ..reset },
+            handover,
+        }
+    }
+
+    /// True if memory has been kept since an earlier start: the supply was not off for long.
+    #[must_use]
+    pub fn survived(&self) -> bool {
+        self.count().is_some()
+    }
+
+    /// Restarts since power-on, if the memory was kept.
+    fn count(&self) -> Option<u32> {
+        let [count, sum] = &self.count;
+        let count = count.load(Ordering::Relaxed);
+        (sum.load(Ordering::Relaxed) == checksum(count, 0, 0)).then_some(count)
+    }
+
+    fn set_count(&self, value: u32) {
+        let [count, sum] = &self.count;
+        count.store(value, Ordering::Relaxed);
+        sum.store(checksum(value, 0, 0), Ordering::Relaxed);
+    }
+
     /// The cause that was kept, if there is a valid one; it is forgotten.
-    pub fn take(&self) -> Option<Cause> {
+    fn take(&self) -> Option<Cause> {
         let [kind, a, b, sum] = [0, 1, 2, 3].map(|at: usize| {
             self.words
                 .get(at)
@@ -75,10 +136,24 @@ impl Record {
 }
 
 impl Cause {
-    /// The cause as numbers: kind (1 requested, 2 panic, 3 fault, 4 interrupt) and its two details.
-    #[must_use]
-    pub const fn words(self) -> [u32; 3] {
-        encode(self)
+    /// What the node tells of it, without the count, and the handover.
+    const fn told(self) -> (Reset, Option<Handover>) {
+        let (cause, detail, place) = match self {
+            Self::Requested(handover) => {
+                return (Reset::first(ResetCause::Requested), Some(handover));
+            }
+            Self::Panic { line, file } => (ResetCause::Panic, line, file),
+            Self::HardFault { status, address } => (ResetCause::ProcessorFault, status, address),
+            Self::UnexpectedInterrupt { number } => (ResetCause::UnexpectedInterrupt, number, 0),
+            Self::StackOverflow { status, pointer } => (ResetCause::StackGuard, status, pointer),
+        };
+        let reset = Reset {
+            cause,
+            detail,
+            place,
+            count: 0,
+        };
+        (reset, None)
     }
 }
 
@@ -102,6 +177,7 @@ const fn encode(cause: Cause) -> [u32; 3] {
         Cause::Panic { line, file } => [2, line, file],
         Cause::HardFault { status, address } => [3, status, address],
         Cause::UnexpectedInterrupt { number } => [4, number, 0],
+        Cause::StackOverflow { status, pointer } => [5, status, pointer],
     }
 }
 
@@ -114,6 +190,7 @@ const fn decode(words: [u32; 3]) -> Option<Cause> {
         [2, line, file] => Cause::Panic { line, file },
         [3, status, address] => Cause::HardFault { status, address },
         [4, number, _] => Cause::UnexpectedInterrupt { number },
+        [5, status, pointer] => Cause::StackOverflow { status, pointer },
         _ => return None,
     })
 }
@@ -154,11 +231,83 @@ mod tests {
                 address: 0x2000_0000,
             },
             Cause::UnexpectedInterrupt { number: 44 },
+            Cause::StackOverflow {
+                status: 0x1000,
+                pointer: 0x1FFF_FFF8,
+            },
         ] {
             record.set(cause);
             assert_eq!(record.take(), Some(cause));
             assert_eq!(record.take(), None);
         }
+    }
+
+    const PANIC: Cause = Cause::Panic { line: 7, file: 9 };
+
+    fn started(record: &Record, hardware: ResetCause) -> (ResetCause, u32, u32, u32) {
+        let Start { reset, .. } = record.start(hardware);
+        (reset.cause, reset.detail, reset.place, reset.count)
+    }
+
+    #[test]
+    fn a_start_tells_what_the_program_has_left_if_the_chip_says_that_it_reset_itself() {
+        let record = Record::new();
+        let power_on = (ResetCause::PowerOn, 0, 0, 0);
+        assert_eq!(started(&record, ResetCause::PowerOn), power_on);
+        record.set(PANIC);
+        let panic = (ResetCause::Panic, 7, 9, 1);
+        assert_eq!(started(&record, ResetCause::Requested), panic);
+        // Told once; a debug probe resets in the same way and leaves nothing.
+        let requested = (ResetCause::Requested, 0, 0, 2);
+        assert_eq!(started(&record, ResetCause::Requested), requested);
+    }
+
+    #[test]
+    fn what_the_chip_says_wins_over_a_record_and_power_on_starts_the_count_anew() {
+        let record = Record::new();
+        record.start(ResetCause::PowerOn);
+        for (hardware, count) in [
+            (ResetCause::Watchdog, 1),
+            (ResetCause::ResetPin, 2),
+            (ResetCause::BrownOut, 3),
+            (ResetCause::PowerOn, 0),
+        ] {
+            record.set(PANIC);
+            assert_eq!(started(&record, hardware), (hardware, 0, 0, count));
+        }
+    }
+
+    #[test]
+    fn without_flags_of_the_chip_the_record_decides() {
+        let record = Record::new();
+        assert_eq!(started(&record, ResetCause::Unknown).0, ResetCause::PowerOn);
+        record.set(PANIC);
+        assert_eq!(
+            started(&record, ResetCause::Unknown),
+            (ResetCause::Panic, 7, 9, 1)
+        );
+        assert_eq!(
+            started(&record, ResetCause::Unknown),
+            (ResetCause::Unknown, 0, 0, 2)
+        );
+    }
+
+    #[test]
+    fn only_a_restart_on_purpose_hands_over() {
+        let record = Record::new();
+        let handover = Handover {
+            session: 7,
+            stay_in_bootloader: false,
+        };
+        record.set(Cause::Requested(handover));
+        let start = record.start(ResetCause::Requested);
+        assert_eq!(
+            (start.reset.cause, start.handover),
+            (ResetCause::Requested, Some(handover))
+        );
+        // A watchdog between the order and the restart voids the session.
+        record.set(Cause::Requested(handover));
+        assert_eq!(record.start(ResetCause::Watchdog).handover, None);
     }
 
     #[test]

@@ -12,6 +12,12 @@ fn bounds() -> (*const u32, *const u32) {
     (&raw const _stack_end, &raw const _stack_start)
 }
 
+/// Lowest address of the stack.
+#[must_use]
+pub fn end() -> u32 {
+    bounds().0 as u32
+}
+
 /// Bytes of the stack that have been used since the start.
 #[must_use]
 pub fn high_water() -> usize {

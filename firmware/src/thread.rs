@@ -44,7 +44,7 @@ impl Thread {
     pub fn run<B: Board>(&mut self, board: &mut B, crossing: &Crossing) -> ! {
         loop {
             if let Some(handover) = self.pass(board, crossing) {
-                board.kept().handover = Some(handover);
+                board.kept().restart(handover);
                 self.restart(board, crossing);
             }
             board.idle();
@@ -103,6 +103,7 @@ impl Thread {
         }
         self.ticks = ticks;
         let now = board.now();
+        self.node.set_dropped(board.bus().dropped());
         self.node.poll(now, &self.snapshot);
         if board.button_pressed() {
             self.node.press_button(now);

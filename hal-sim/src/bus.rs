@@ -104,6 +104,8 @@ pub(crate) struct Bus {
     /// Next end of an attempt of an unplugged controller or of a bus-off recovery.
     next_special: u64,
     disturbance: Disturbance,
+    /// CANH and CANL touch: nothing gets through.
+    pub(crate) shorted: bool,
     random: Random,
     load: LoadMeter,
     pub(crate) frames: u64,
@@ -126,6 +128,7 @@ impl Bus {
             next_start: NEVER,
             next_special: NEVER,
             disturbance,
+            shorted: false,
             random,
             load: LoadMeter::default(),
             frames: 0,
@@ -321,7 +324,7 @@ impl Bus {
         let stuffed = mail.shape.stuffed;
         let (fate, length) = if let Some(position) = self.collision() {
             (Fate::Destroyed, position + ERROR_FLAGS + ERROR_DELIMITER)
-        } else if self.random.chance(self.disturbance.corruption) {
+        } else if self.shorted || self.random.chance(self.disturbance.corruption) {
             let position = 1 + self.random.below(stuffed);
             (Fate::Destroyed, position + ERROR_FLAGS + ERROR_DELIMITER)
         } else if !self.is_acknowledged() {

@@ -41,6 +41,8 @@ mod controller;
 mod load;
 #[cfg(feature = "std")]
 mod node;
+#[cfg(feature = "std")]
+pub mod nor;
 mod pins;
 mod plant;
 mod poke;

@@ -7,6 +7,7 @@ use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
 use windlass_core::params::Stored;
 use windlass_core::params::table::ParameterId;
+use windlass_core::reset::{Reset, ResetCause};
 use windlass_core::time::Instant;
 
 use crate::bus::Station;
@@ -68,6 +69,8 @@ pub struct SimNode {
     actuation: Actuation,
     rig: Rig,
     image: ImageType,
+    /// Why the board runs.
+    reset: Reset,
     stored: Stored,
     flash_writes: u32,
     random: Random,
@@ -109,6 +112,7 @@ impl SimNode {
             actuation: Actuation::Off,
             rig: Rig::with_noise(plant, Random::new(seed, stream)),
             image: ImageType::Application,
+            reset: Reset::POWER_ON,
             stored,
             flash_writes: 0,
             random: Random::new(seed, stream + 1),
@@ -154,6 +158,7 @@ impl SimNode {
         let config = NodeConfig {
             image: self.image,
             handover,
+            reset: self.reset,
             ..NodeConfig::dmc60c(self.random.next() as u32)
         };
         self.engine = Engine::new();
@@ -265,10 +270,13 @@ impl SimNode {
                 node.saved();
             }
             Action::PinTest(test) => node.pin_test_done(self.rig.test_pins(test)),
-            Action::Reset(handover) => self.halt(Power::Booting {
-                ticks: BOOT_TICKS,
-                handover: Some(handover),
-            }),
+            Action::Reset(handover) => {
+                self.reset = self.reset.again(ResetCause::Requested);
+                self.halt(Power::Booting {
+                    ticks: BOOT_TICKS,
+                    handover: Some(handover),
+                });
+            }
         }
     }
 

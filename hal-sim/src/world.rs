@@ -197,6 +197,19 @@ impl World {
             .map_or(0, |tool| self.bus.pending(tool.station))
     }
 
+    /// Counters of a CAN tool's controller; `None` if there is no such tool.
+    #[must_use]
+    pub fn participant(&self, id: ParticipantId) -> Option<ParticipantStatistics> {
+        let tool = self.tools.get(id.0)?;
+        Some(self.participant_statistics(tool.station))
+    }
+
+    /// Connects the two wires of the bus with each other, or parts them again. While they touch, every
+    /// frame is destroyed in every attempt.
+    pub fn short_bus(&mut self, shorted: bool) {
+        self.bus.shorted = shorted;
+    }
+
     /// Virtual time since the world began.
     #[must_use]
     pub fn now(&self) -> Instant {

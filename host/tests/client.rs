@@ -10,7 +10,8 @@ use windlass::transport::SimBus;
 use windlass_core::dialect::dmc60c::wire::ModeSelect;
 use windlass_core::management::vendor::{Descriptor, PinTest, TestPin};
 use windlass_core::management::wire::ImageType;
-use windlass_core::params::table::{ParameterId, TABLE};
+use windlass_core::params::table::{Parameter, ParameterId, TABLE};
+use windlass_core::reset::ResetCause;
 use windlass_sim::Poke;
 
 type Bench = Client<SimBus>;
@@ -152,13 +153,21 @@ fn versions_and_flash_writes_are_read() {
     assert!(client.flash_sequence(device.address).unwrap() > before);
 }
 
+/// What a parameter of a device that was just switched on reads.
+fn fresh(row: &Parameter) -> u32 {
+    match row.id {
+        ParameterId::ResetCause => ResetCause::PowerOn as u32,
+        _ => row.default,
+    }
+}
+
 #[test]
 fn every_parameter_reads_its_default() {
     let mut client = bench(&["dmc60c:5"]);
     let address = only(&mut client);
     for row in &TABLE {
         let value = client.parameter(address, row.id).unwrap();
-        assert_eq!(value.raw, row.default, "{}", row.name);
+        assert_eq!(value.raw, fresh(row), "{}", row.name);
     }
 }
 
@@ -327,6 +336,9 @@ fn a_lossy_bus_is_survived_by_asking_again() {
     let mut client = Client::new(SimBus::new(world));
     let address = client.find(&"5".parse().unwrap()).unwrap().address;
     for row in &TABLE {
-        assert_eq!(client.parameter(address, row.id).unwrap().raw, row.default);
+        let value = client.parameter(address, row.id).unwrap();
+        if row.id != ParameterId::TransmissionsFailed {
+            assert_eq!(value.raw, fresh(row), "{}", row.name);
+        }
     }
 }

@@ -331,6 +331,9 @@ fn every_verb_prints_json_that_parses() {
 
     let info = document(&["info", "dmc60c:1"]);
     assert_eq!(info["devices"][0]["manufacturer_name"], "Digilent");
+    assert_eq!(info["devices"][0]["reset"]["cause"], "power-on");
+    assert_eq!(info["devices"][0]["reset"]["count"], 0);
+    assert_eq!(info["devices"][0]["frames_dropped"], 0);
 
     assert_eq!(document(&["id", "blink", "1"])["blinking_s"], 5);
     let set = document(&["id", "set", "1", "12", "--name", "left drive"]);

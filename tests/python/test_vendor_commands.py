@@ -254,6 +254,18 @@ class Resets(BenchTest):
         self.assertEqual(self.duty(), 0)
         self.assertEqual(self.one().session, device.session)
 
+    def test_the_cause_of_the_start_is_told_and_restarts_are_counted(self):
+        def told(device):
+            return device.get(dmc60c.RESET_CAUSE), device.get(dmc60c.RESET_COUNT)
+
+        self.assertEqual(told(self.one()), (dmc60c.RESET_POWER_ON, 0))
+        for count in (1, 2):
+            device, _ = self.unsolicited(dmc60c.SOFT_RESET)
+            self.assertEqual(told(device), (dmc60c.RESET_REQUESTED, count))
+        self.bench.power_cycle(0)
+        self.step(500_000)
+        self.assertEqual(told(self.one()), (dmc60c.RESET_POWER_ON, 0))
+
     def test_power_cycle_leaves_the_bootloader(self):
         device, _ = self.unsolicited(dmc60c.ENTER_BOOTLOADER)
         self.bench.power_cycle(0)

@@ -103,9 +103,9 @@ pub struct Device {
     pub sticky: Faults,
     /// Version of the application, major and minor byte.
     pub version: u16,
-    /// Resets that the platform has counted.
+    /// Restarts since power-on.
     pub reset_count: u16,
-    /// Cause of the last reset, as the platform tells it.
+    /// Code of the [cause](crate::reset::ResetCause) of the last reset.
     pub reset_flags: u16,
     /// Settings have been changed and not yet been kept.
     pub unsaved: bool,
@@ -193,6 +193,8 @@ macro_rules! dialects {
         }
 
         /// Any dialect, chosen at run time.
+        // One of them lives in each node, and nothing here allocates.
+        #[allow(clippy::large_enum_variant)]
         #[derive(Clone, Debug)]
         pub enum AnyDialect {
             $(

@@ -33,8 +33,8 @@ use mode::{Event, Follower, Liveness, PulseInput, mode_of, transition};
 use output::{ActiveLimits, Output, Request, Shape};
 use pidf::{Pidf, Unit};
 use sensor::{Measured, Sensors};
-pub use settings::{Board, Policy, Settings};
 use settings::Law;
+pub use settings::{Board, Policy, Settings};
 use snapshot::{Actuation, DriveState, Mode, Sample, Snapshot};
 use throttle::ThrottleDrive;
 

@@ -67,7 +67,7 @@ impl Reading {
 
 /// State of the sensors besides the quadrature encoder.
 #[derive(Clone, Debug)]
-pub struct OtherSensors {
+pub(super) struct OtherSensors {
     /// The next tick takes a sample: every second one.
     due: bool,
     started: bool,
@@ -86,7 +86,7 @@ pub struct OtherSensors {
 
 impl OtherSensors {
     /// Sensors before the first sample.
-    pub const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self {
             due: true,
             started: false,
@@ -103,7 +103,7 @@ impl OtherSensors {
     }
 
     /// To be called every tick; works in every second one.
-    pub fn update(&mut self, sample: &Sample) {
+    pub(super) fn update(&mut self, sample: &Sample) {
         let due = self.due;
         self.due = !due;
         if due {
@@ -142,7 +142,7 @@ impl OtherSensors {
     }
 
     /// The analog input as a potentiometer: 0 to 1023.
-    pub const fn potentiometer(&self) -> Reading {
+    pub(super) const fn potentiometer(&self) -> Reading {
         Reading {
             position: self.unwrapped & TURN_MASK,
             velocity: self.potentiometer_velocity,
@@ -150,7 +150,7 @@ impl OtherSensors {
     }
 
     /// The analog input as an encoder that goes on past either end.
-    pub const fn analog_encoder(&self) -> Reading {
+    pub(super) const fn analog_encoder(&self) -> Reading {
         Reading {
             position: self.unwrapped.wrapping_add(self.offset),
             velocity: self.analog_velocity,
@@ -158,7 +158,7 @@ impl OtherSensors {
     }
 
     /// The counter of rising edges.
-    pub const fn rising_edges(&self) -> Reading {
+    pub(super) const fn rising_edges(&self) -> Reading {
         Reading {
             position: self.edges,
             velocity: self.edge_velocity,
@@ -166,12 +166,12 @@ impl OtherSensors {
     }
 
     /// Sets the turns of the analog encoder: the low 10 bits stay the conversion (manual 13).
-    pub fn set_analog_encoder(&mut self, position: i32) {
+    pub(super) fn set_analog_encoder(&mut self, position: i32) {
         self.offset = (position & !TURN_MASK).wrapping_sub(self.unwrapped & !TURN_MASK);
     }
 
     /// Sets the counter of rising edges.
-    pub fn set_rising_edges(&mut self, position: i32) {
+    pub(super) fn set_rising_edges(&mut self, position: i32) {
         self.edges = position;
     }
 }

@@ -6,7 +6,9 @@
 
 use super::command::Neutral;
 use super::pidf::Gains;
-pub use super::policy::{Enabling, Indicated, Law, Policy, Resume, SensorSet, SoftThreshold, Sticky};
+pub use super::policy::{
+    Enabling, Indicated, Law, Policy, Resume, SensorSet, SoftThreshold, Sticky,
+};
 use super::throttle_law::ThrottleGains;
 use crate::time::TICKS_PER_MS;
 

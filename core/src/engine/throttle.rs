@@ -83,7 +83,13 @@ impl ThrottleDrive {
                 self.closed_loop(settings, command, target, measured.velocity)
             }
             Setpoint::Follow(_) => {
-                let turned = |duty: Duty| if reverse { -duty.throttle() } else { duty.throttle() };
+                let turned = |duty: Duty| {
+                    if reverse {
+                        -duty.throttle()
+                    } else {
+                        duty.throttle()
+                    }
+                };
                 (master.map(turned), 0)
             }
             // Not driven by this law.
@@ -130,7 +136,7 @@ impl ThrottleDrive {
                 .step(settings.throttle_slot(command.opts.slot), &input);
         }
         self.rests = !self.rests;
-        let throttle = self.law.out().min(THROTTLE_FULL).max(-THROTTLE_FULL);
+        let throttle = self.law.out().clamp(-THROTTLE_FULL, THROTTLE_FULL);
         (Some(throttle), self.law.error())
     }
 

@@ -115,7 +115,8 @@ impl ThrottleLaw {
             output
         } else {
             let step = output.saturating_sub(self.out);
-            self.out.saturating_add(step.min(gains.ramp).max(-gains.ramp))
+            self.out
+                .saturating_add(step.min(gains.ramp).max(-gains.ramp))
         };
         self.out
     }

@@ -223,7 +223,14 @@ impl Management {
         self.status = None;
         self.transfer = Transfer::None;
         let request = match Command::from_code(command.command) {
-            None | Some(Command::EraseWriteFlashPage) => {
+            None
+            | Some(
+                Command::EraseWriteFlashPage
+                | Command::GetPageCrcs
+                | Command::RestoreFallback
+                | Command::GetBootStatus
+                | Command::InstallKey,
+            ) => {
                 self.finish(CommandCode::NotSupported);
                 return Decoded::Done;
             }

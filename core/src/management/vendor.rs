@@ -23,11 +23,20 @@ pub enum Command {
     EraseWriteFlashPage,
     /// `vcmdJ1ShortTest` and `vcmdJ1OpenTest`.
     PinTest(PinTest),
+    /// `vcmdGetPageCrcs` (own): what of an update is stored.
+    GetPageCrcs,
+    /// `vcmdRestoreFallback` (own): put the fallback image back.
+    RestoreFallback,
+    /// `vcmdGetBootStatus` (own).
+    GetBootStatus,
+    /// `vcmdInstallKey` (own): accept signed images only from now on.
+    InstallKey,
 }
 
 impl Command {
-    /// Every command with its code and its name in the guide ("Vendor Commands", "Commands").
-    pub const TABLE: [(u16, &'static str, Self); 16] = [
+    /// Every command with its code and its name in the guide ("Vendor Commands", "Commands"); 0xE0 to 0xEF
+    /// are this project's own (docs/updates.md).
+    pub const TABLE: [(u16, &'static str, Self); 20] = [
         (0x01, "vcmdSetDevNumber", Self::SetDeviceNumber),
         (
             0x02,
@@ -63,6 +72,10 @@ impl Command {
         (0x60, "vcmdGetDescriptors", Self::GetDescriptors),
         (0x61, "vcmdGetFwver", Self::GetFirmwareVersion),
         (0x62, "vcmdGetFlashSeqnum", Self::GetFlashSequence),
+        (0xE0, "vcmdGetPageCrcs", Self::GetPageCrcs),
+        (0xE1, "vcmdRestoreFallback", Self::RestoreFallback),
+        (0xE2, "vcmdGetBootStatus", Self::GetBootStatus),
+        (0xE4, "vcmdInstallKey", Self::InstallKey),
         (0xF0, "vcmdEnterBootloader", Self::EnterBootloader),
         (0xF1, "vcmdSoftReset", Self::SoftReset),
         (0xF2, "vcmdEraseWriteFlashPage", Self::EraseWriteFlashPage),
@@ -126,6 +139,7 @@ macro_rules! named_codes {
         }
     };
 }
+pub(crate) use named_codes;
 
 named_codes! {
     /// A pin of J1 that failed a test (`terc…`), named as on the header.
@@ -146,7 +160,8 @@ named_codes! {
 }
 
 named_codes! {
-    /// Result codes of a vendor command: the low byte of `cerc`.
+    /// Result codes of a vendor command: the low byte of `cerc`. Those from 0x20 on are this project's own
+    /// (docs/updates.md).
     pub enum CommandCode {
         /// Done.
         NoError = 0, "cercNoError";
@@ -168,6 +183,29 @@ named_codes! {
         TestPassed = 8, "cercTestPassed";
         /// A test failed; the high byte of `cerc` tells the pin.
         TestFailed = 9, "cercTestFailed";
+        /// The page ends with no header of this project, or with a damaged one; nothing was written.
+        NoImage = 0x20, "cercNoImage";
+        /// The image is for another product; nothing was written.
+        WrongProduct = 0x21, "cercWrongProduct";
+        /// The image is for another hardware, or has pages that this one has no room for; nothing was
+        /// written.
+        WrongHardware = 0x22, "cercWrongHardware";
+        /// The image's anti-rollback counter is too small; nothing was written.
+        RollbackRefused = 0x23, "cercRollbackRefused";
+        /// The page does not belong to the image, or does not follow what is stored: begin again with page
+        /// 30. Nothing was written.
+        PageOrder = 0x24, "cercPageOrder";
+        /// The page was stored; pages of the image are still missing.
+        ImageIncomplete = 0x25, "cercImageIncomplete";
+        /// All pages are stored, and their CRC is not the header's.
+        ImageCrc = 0x26, "cercImageCrc";
+        /// All pages are stored, and the signature is missing or wrong.
+        BadSignature = 0x27, "cercBadSignature";
+        /// There is no fallback image.
+        NoFallback = 0x28, "cercNoFallback";
+        /// The key was not accepted: another one is installed and did not sign it, or this build knows no
+        /// signatures.
+        KeyRefused = 0x29, "cercKeyRefused";
     }
 }
 

@@ -336,6 +336,9 @@ impl Node {
 
     /// A transmission has ended.
     pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
+        if outcome == TxOutcome::Failed {
+            self.counters.given_up = self.counters.given_up.wrapping_add(1);
+        }
         match (tag.0, outcome) {
             (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
             (Answer::Enumerate0, TxOutcome::Failed) => {
@@ -344,6 +347,11 @@ impl Node {
             }
             (Answer::Other, _) => {}
         }
+    }
+
+    /// How many frames the platform has lost since power-on before the node could see them.
+    pub const fn set_dropped(&mut self, frames: u32) {
+        self.counters.dropped = frames;
     }
 
     /// When [`Node::poll_tx`] or [`Node::poll`] have something to do next, apart from new frames and
@@ -425,8 +433,8 @@ impl Node {
         Device {
             sticky: self.faults.sticky(),
             version: self.config.application_version,
-            reset_count: 0,
-            reset_flags: 0,
+            reset_count: self.config.reset.count.min(u32::from(u16::MAX)) as u16,
+            reset_flags: self.config.reset.cause as u16,
             unsaved: self.save_now || self.save_timer.due().is_some(),
         }
     }

@@ -46,6 +46,12 @@ impl Node {
             (ParameterId::EncoderPosition, _) => snapshot.position as u32,
             (ParameterId::ActiveFaults, _) => u32::from(snapshot.faults.bits()),
             (ParameterId::StickyFaults, _) => u32::from(self.faults.sticky().bits()),
+            (ParameterId::ResetCause, _) => u32::from(self.config.reset.cause as u8),
+            (ParameterId::ResetDetail, _) => self.config.reset.detail,
+            (ParameterId::ResetPlace, _) => self.config.reset.place,
+            (ParameterId::ResetCount, _) => self.config.reset.count,
+            (ParameterId::FramesDropped, _) => self.counters.dropped,
+            (ParameterId::TransmissionsFailed, _) => self.counters.given_up,
             _ => self.stored.params.get(id),
         }
     }
@@ -64,7 +70,13 @@ impl Node {
                 self.set_position(PositionOf::Selected, value as i32);
                 return Ok(value);
             }
-            ParameterId::ActiveFaults => return Ok(self.read(id, snapshot)),
+            ParameterId::ActiveFaults
+            | ParameterId::ResetCause
+            | ParameterId::ResetDetail
+            | ParameterId::ResetPlace
+            | ParameterId::ResetCount
+            | ParameterId::FramesDropped
+            | ParameterId::TransmissionsFailed => return Ok(self.read(id, snapshot)),
             ParameterId::StickyFaults => {
                 let before = self.read(id, snapshot);
                 if value != 0 && before != 0 {

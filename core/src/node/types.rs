@@ -6,6 +6,7 @@ use crate::frame::Frame;
 use crate::management::Answer;
 use crate::management::vendor::PinTest;
 use crate::management::wire::ImageType;
+use crate::reset::Reset;
 
 /// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md).
 pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
@@ -36,10 +37,12 @@ pub struct NodeConfig {
     pub seed: u32,
     /// Left by the image before, if it restarted on purpose.
     pub handover: Option<Handover>,
+    /// Why the controller started.
+    pub reset: Reset,
 }
 
 impl NodeConfig {
-    /// A DMC60C application with the versions of the guide's cover page (1.23 and 1.9).
+    /// A DMC60C application with the versions of the guide's cover page (1.23 and 1.9), at power-on.
     #[must_use]
     pub const fn dmc60c(seed: u32) -> Self {
         Self {
@@ -50,6 +53,7 @@ impl NodeConfig {
             image: ImageType::Application,
             seed,
             handover: None,
+            reset: Reset::POWER_ON,
         }
     }
 }
@@ -118,6 +122,10 @@ pub struct Counters {
     pub answers_lost: u32,
     /// Losses of the bus.
     pub bus_losses: u32,
+    /// Received by the controller and lost before the node saw them.
+    pub dropped: u32,
+    /// Transmissions that were given up.
+    pub given_up: u32,
 }
 
 impl Counters {

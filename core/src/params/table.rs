@@ -219,26 +219,39 @@ parameters! {
     Dialect = 128, "paramDialect", Range(0, crate::dialect::COUNT as i32 - 1), 0, Persistent, "";
     /// Neutral brakes (else it coasts); the brake/coast button toggles it.
     BrakeAtNeutral = 129, "paramBrakeAtNeutral", Flag, 1, Persistent, "";
+    /// Why the controller started, a code of [`ResetCause`](crate::reset::ResetCause); writing has no effect,
+    /// as for the next five.
+    ResetCause = 130, "paramResetCause", Computed, 0, Live, "";
+    /// Detail of the cause: line of a panic, fault status, exception number.
+    ResetDetail = 132, "paramResetDetail", Computed, 0, Live, "";
+    /// Frames that were received and lost, because nobody took them in time, since power-on.
+    FramesDropped = 133, "paramFramesDropped", Computed, 0, Live, "";
+    /// Restarts since power-on.
+    ResetCount = 134, "paramResetCount", Computed, 0, Live, "";
+    /// Place of the cause: hash of the file with the panic, faulting address.
+    ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
+    /// Transmissions that were given up since the start.
+    TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
     /// Slot 0 of the law in throttle units: proportional gain.
-    ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: integral gain.
-    ThrottleSlot0I = 141, "paramThrottleIGainSlot0", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot0I = 141, "paramThrottleIGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: derivative gain.
-    ThrottleSlot0D = 142, "paramThrottleDGainSlot0", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot0D = 142, "paramThrottleDGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: feed-forward gain.
-    ThrottleSlot0F = 143, "paramThrottleFGainSlot0", Signed10Q22, 0, Persistent, "throttle";
+    ThrottleSlot0F = 143, "paramThrottleFGainSlot0", Signed10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: errors of this size and above clear the accumulator, 0 = off.
     ThrottleSlot0IZone = 144, "paramThrottleIZoneSlot0", Unsigned31, 0, Persistent, "counts";
     /// Slot 0 of the law in throttle units: largest change of the output per 1 ms, 0 = at once.
     ThrottleSlot0Ramp = 145, "paramThrottleRampRateSlot0", Unsigned31, 0, Persistent, "throttle/ms";
     /// Slot 1 of the law in throttle units: proportional gain.
-    ThrottleSlot1P = 146, "paramThrottlePGainSlot1", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot1P = 146, "paramThrottlePGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 1 of the law in throttle units: integral gain.
-    ThrottleSlot1I = 147, "paramThrottleIGainSlot1", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot1I = 147, "paramThrottleIGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 1 of the law in throttle units: derivative gain.
-    ThrottleSlot1D = 148, "paramThrottleDGainSlot1", Unsigned10Q22, 0, Persistent, "throttle";
+    ThrottleSlot1D = 148, "paramThrottleDGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 1 of the law in throttle units: feed-forward gain.
-    ThrottleSlot1F = 149, "paramThrottleFGainSlot1", Signed10Q22, 0, Persistent, "throttle";
+    ThrottleSlot1F = 149, "paramThrottleFGainSlot1", Signed10Q22, 0, Persistent, "throttle/count";
     /// Slot 1 of the law in throttle units: errors of this size and above clear the accumulator, 0 = off.
     ThrottleSlot1IZone = 150, "paramThrottleIZoneSlot1", Unsigned31, 0, Persistent, "counts";
     /// Slot 1 of the law in throttle units: largest change of the output per 1 ms, 0 = at once.

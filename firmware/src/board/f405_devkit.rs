@@ -13,6 +13,7 @@ use crate::chip::stm32f405::can::Can;
 use crate::chip::stm32f405::{self as chip, bridge, sensors};
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
+use crate::fault::RECORD;
 use crate::kept::Kept;
 use crate::port::Board;
 use crate::thread::Thread;
@@ -49,18 +50,20 @@ fn TIM7() {
 fn sample() -> Sample {
     let [current, bus_voltage, temperature, analog_in] = sensors::conversions();
     let (index_rising, index_falling) = sensors::index();
+    let encoder_a = chip::is_high(GPIOA, 0);
     Sample {
         encoder: sensors::counter(),
         pins: Pins {
             forward_limit: chip::is_high(GPIOC, FORWARD_LIMIT),
             reverse_limit: chip::is_high(GPIOC, REVERSE_LIMIT),
-            encoder_a: chip::is_high(GPIOA, 0),
+            encoder_a,
             encoder_b: chip::is_high(GPIOA, 1),
             encoder_index: chip::is_high(GPIOA, 2),
             gate_driver_fault: bridge::fault(),
         },
         index_rising,
         index_falling,
+        encoder_a_rises: sensors::a_rises(encoder_a),
         current,
         bus_voltage,
         temperature,
@@ -70,7 +73,6 @@ fn sample() -> Sample {
 }
 
 /// The board's part of thread mode.
-#[derive(Default)]
 struct Devkit {
     can: Can,
     clock: Clock,
@@ -164,6 +166,7 @@ pub fn run() -> ! {
 /// large stack frame that this takes.
 #[inline(never)]
 fn build() -> (&'static mut Devkit, &'static mut Thread) {
+    let cause = chip::take_reset_cause();
     chip::start_clocks(CRYSTAL_MHZ);
     bridge::start();
     for pin in [FORWARD_LIMIT, REVERSE_LIMIT, BUTTON] {
@@ -172,8 +175,12 @@ fn build() -> (&'static mut Devkit, &'static mut Thread) {
     for pin in [STATUS_RED, STATUS_GREEN, STATUS_BLUE, BRAKE_LED] {
         chip::output(GPIOC, pin);
     }
-    let board = BOARD.init_with(Devkit::default);
-    board.kept.seed = chip::unique_number();
+    let board = BOARD.init_with(|| Devkit {
+        can: Can::default(),
+        clock: Clock::default(),
+        kept: Kept::new(&RECORD, cause, chip::unique_number()),
+        button: Button::default(),
+    });
     let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
     if let Some(mut core) = Peripherals::take() {

@@ -94,3 +94,17 @@ pub fn interrupt_without_handler() {
     unsafe { NVIC::unmask(interrupt::TIM5) };
     NVIC::pend(interrupt::TIM5);
 }
+
+/// Pushes a word onto a stack that is full.
+pub fn overflow_stack(end: u32) -> ! {
+    // SAFETY: the program ends here on purpose: the push below the stack's end is a bus fault.
+    unsafe {
+        core::arch::asm!(
+            "msr msp, {end}",
+            "push {{{end}}}",
+            "b .",
+            end = in(reg) end,
+            options(noreturn)
+        )
+    }
+}

@@ -1,5 +1,7 @@
 use super::*;
 use crate::kept::Kept;
+use crate::record::Record;
+use std::boxed::Box;
 use std::collections::VecDeque;
 use std::vec::Vec;
 use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
@@ -8,6 +10,7 @@ use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Transmission, TxOutcome};
+use windlass_core::reset::ResetCause;
 use windlass_core::time::Duration;
 
 use windlass_core::units::Duty;
@@ -17,6 +20,7 @@ use windlass_core::units::Duty;
 struct FakeBus {
     events: VecDeque<BusEvent>,
     sent: Vec<Frame>,
+    dropped: u32,
 }
 
 impl Bus for FakeBus {
@@ -27,10 +31,13 @@ impl Bus for FakeBus {
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
         self.sent.push(transmission.frame);
     }
+
+    fn dropped(&self) -> u32 {
+        self.dropped
+    }
 }
 
 /// A board.
-#[derive(Default)]
 struct FakeBoard {
     bus: FakeBus,
     now: Instant,
@@ -75,7 +82,13 @@ fn receive(board: &mut FakeBoard, frame: Frame) {
 }
 
 fn start() -> (FakeBoard, Crossing, Thread) {
-    let mut board = FakeBoard::default();
+    let record: &'static Record = Box::leak(Box::new(Record::new()));
+    let mut board = FakeBoard {
+        bus: FakeBus::default(),
+        now: Instant::ZERO,
+        kept: Kept::new(record, ResetCause::PowerOn, 1),
+        fed: 0,
+    };
     let config = board.kept.node_config();
     let thread = Thread::new(board.now(), &config, None);
     (board, Crossing::new(), thread)
@@ -130,6 +143,15 @@ fn the_watchdog_is_fed_once_for_every_tick_and_never_without_one() {
 }
 
 #[test]
+fn frames_that_the_bus_has_lost_reach_the_node() {
+    let (mut board, crossing, mut thread) = start();
+    board.bus.dropped = 3;
+    crossing.skip();
+    thread.pass(&mut board, &crossing);
+    assert_eq!(thread.node().counters().dropped, 3);
+}
+
+#[test]
 fn a_saved_number_outlives_a_restart_that_was_asked_for() {
     let (mut board, crossing, mut thread) = start();
     receive(&mut board, Frame::standard(0, []));
@@ -150,11 +172,10 @@ fn a_saved_number_outlives_a_restart_that_was_asked_for() {
         &mut board,
         Frame::extended(0x0206_FC09, [low, high, 0xF1, 0, 0, 0, 0, 0]),
     );
-    board.kept.handover = thread.pass(&mut board, &crossing);
-    assert_eq!(
-        board.kept.handover.map(|handover| handover.session),
-        Some(session)
-    );
+    let handover = thread.pass(&mut board, &crossing).expect("a restart");
+    assert_eq!(handover.session, session);
+    board.kept.restart(handover);
+    assert_eq!(board.kept.reset().cause, ResetCause::Requested);
     thread.restart(&mut board, &crossing);
     assert_eq!(
         (thread.node().number(), thread.node().session()),

@@ -1,5 +1,7 @@
 //! Interference with a node.
 
+use windlass_core::reset::Reset;
+
 use super::{BOOT_TICKS, Power, SimNode};
 use crate::poke::Poke;
 
@@ -26,6 +28,7 @@ impl SimNode {
     fn set_powered(&mut self, powered: bool) {
         match (&self.power, powered) {
             (Power::Off, true) => {
+                self.reset = Reset::POWER_ON;
                 self.power = Power::Booting {
                     ticks: BOOT_TICKS,
                     handover: None,

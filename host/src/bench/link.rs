@@ -6,9 +6,9 @@ use std::net::{Shutdown, TcpStream};
 use std::time::Duration;
 
 use windlass_core::frame::Frame;
-use windlass_core::slcan::Channel;
+use windlass_core::slcan::{Channel, flag};
 use windlass_core::time::Instant;
-use windlass_sim::ParticipantId;
+use windlass_sim::{ErrorState, ParticipantId, ParticipantStatistics};
 
 /// Unwritten bytes at which a client that does not read is disconnected.
 pub(super) const LARGEST_BACKLOG: usize = 1 << 20;
@@ -16,6 +16,8 @@ pub(super) const LARGEST_BACKLOG: usize = 1 << 20;
 pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(5);
 /// Bytes read from one client in one go.
 const READ_CHUNK: usize = 4096;
+/// Error count at which CAN controllers warn.
+const WARNING_FROM: u16 = 96;
 
 /// A byte stream that never blocks.
 pub(super) trait Port: Read + Write + Send {
@@ -33,6 +35,8 @@ pub(super) struct Link {
     waited: Duration,
     frames_out: u64,
     ended_at: Option<Instant>,
+    /// Both error counters at the latest look.
+    errors: (u16, u16),
 }
 
 impl Link {
@@ -53,7 +57,24 @@ impl Link {
             waited: Duration::ZERO,
             frames_out: 0,
             ended_at: None,
+            errors: (0, 0),
         }
+    }
+
+    /// Sets the status flags for the client's CAN controller.
+    pub(super) fn note_controller(&mut self, own: &ParticipantStatistics) {
+        let before = std::mem::replace(&mut self.errors, (own.tec, own.rec));
+        let mut flags = 0;
+        if own.tec > before.0 || own.rec > before.1 {
+            flags |= flag::BUS_ERROR;
+        }
+        if own.tec.max(own.rec) >= WARNING_FROM {
+            flags |= flag::ERROR_WARNING;
+        }
+        if own.state != ErrorState::Active {
+            flags |= flag::ERROR_PASSIVE;
+        }
+        self.channel.raise(flags);
     }
 
     pub(super) fn name(&self) -> &str {

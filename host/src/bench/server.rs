@@ -199,6 +199,9 @@ impl Bench {
             while let Some(received) = self.world.receive(link.participant()) {
                 link.deliver(&received.frame, received.at);
             }
+            if let Some(own) = self.world.participant(link.participant()) {
+                link.note_controller(&own);
+            }
         }
         if let Some(id) = self.http {
             while self.world.receive(id).is_some() {}

@@ -26,15 +26,16 @@ pub(super) fn bench(bench: &Bench) -> Value {
         "frames": bus.frames,
         "error_frames": bus.error_frames,
         "trace_end": bus.frames,
-        "clients": bench.links().iter().map(client).collect::<Vec<_>>(),
+        "clients": bench.links().iter().map(|link| client(bench, link)).collect::<Vec<_>>(),
         "clients_accepted": counters.accepted,
         "clients_disconnected": counters.disconnected,
         "nodes": nodes,
     })
 }
 
-fn client(link: &Link) -> Value {
+fn client(bench: &Bench, link: &Link) -> Value {
     let (channel, counters) = (link.channel(), link.channel().counters());
+    let own = bench.world().participant(link.participant());
     let state = match channel.state() {
         State::OpenAtStart | State::Open => "open",
         State::ListenOnly => "listen-only",
@@ -49,6 +50,10 @@ fn client(link: &Link) -> Value {
         "malformed": counters.malformed,
         "refused": counters.refused,
         "backlog_bytes": link.backlog(),
+        "tec": own.as_ref().map(|own| own.tec),
+        "rec": own.as_ref().map(|own| own.rec),
+        "error_state": own.as_ref().map(|own| own.state.name()),
+        "bus_off_count": own.as_ref().map(|own| own.bus_off_count),
     })
 }
 
@@ -135,6 +140,8 @@ fn running(sim: &SimNode) -> Map<String, Value> {
             "unexpected": counters.unexpected,
             "answers_lost": counters.answers_lost,
             "bus_losses": counters.bus_losses,
+            "dropped": counters.dropped,
+            "given_up": counters.given_up,
         },
     }))
 }
@@ -156,7 +163,7 @@ fn mode_name(mode: Mode) -> &'static str {
 /// number of the controller that is followed; 0 without one.
 fn target(setpoint: Setpoint) -> Value {
     match setpoint {
-        Setpoint::Off | Setpoint::Pulse => json!(0),
+        Setpoint::Off | Setpoint::Neutral | Setpoint::Pulse => json!(0),
         Setpoint::Duty(duty) => json!(duty.units()),
         Setpoint::Velocity(counts) | Setpoint::Position(counts) => json!(counts),
         Setpoint::Current(value) | Setpoint::Voltage(value) => json!(rounded(value.to_num())),

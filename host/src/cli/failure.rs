@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use crate::client::talon::TalonError;
 use crate::client::{self, ValueError};
 use crate::transport::BusError;
 
@@ -80,6 +81,17 @@ impl From<client::Error> for Failure {
             Error::NoAnswer { .. } | Error::WrongSession { .. } => Kind::NoAnswer,
             Error::Refused { .. } | Error::Value(_) => Kind::Refused,
             Error::BadAnswer { .. } => Kind::Unexpected,
+        };
+        Self::new(kind, error.to_string(), error.next_step())
+    }
+}
+
+impl From<TalonError> for Failure {
+    fn from(error: TalonError) -> Self {
+        let kind = match error {
+            TalonError::TxFailed(error) => return error.into(),
+            TalonError::InvalidParameter(_) => Kind::Refused,
+            TalonError::RxTimeout { .. } | TalonError::NotUpdated { .. } => Kind::NoAnswer,
         };
         Self::new(kind, error.to_string(), error.next_step())
     }

@@ -6,13 +6,13 @@ use windlass_core::params::table::ParameterId;
 
 use super::connect::{Connection, devices};
 use super::output::{self, say};
-use super::{Failure, Global, Outcome};
+use super::{Failure, Global, Outcome, talon};
 use crate::client::{Address, Selector, Value, fault_name};
 
 /// Arguments of `windlass faults`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
     /// Clear sticky faults and counts after reading them.
     #[arg(long)]
@@ -39,22 +39,33 @@ pub(super) struct Report {
 /// Prints the faults; ends with the exit code for faults if one is active, or sticky and not cleared.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
     let mut client = global.connect()?;
-    let mut reports = Vec::new();
+    let (mut reports, mut talons) = (Vec::new(), Vec::new());
     for device in devices(&mut client, arguments.device.as_ref())? {
-        reports.push(read(&mut client, device.address, arguments.clear)?);
+        if talon::is_talon(&mut client, &device)? {
+            let report = talon::faults::read(&mut client, device.address, arguments.clear, global)?;
+            talons.push(report);
+        } else {
+            reports.push(read(&mut client, device.address, arguments.clear)?);
+        }
     }
     if global.json {
-        let list: Vec<Json> = reports.iter().map(describe).collect();
+        let list = reports.iter().map(describe);
+        let list: Vec<Json> = list
+            .chain(talons.iter().map(|talon| talon.describe()))
+            .collect();
         output::json(&json!({"devices": list, "cleared": arguments.clear}))?;
     } else {
         for report in &reports {
             print(report, arguments.clear)?;
         }
+        for report in &talons {
+            report.print()?;
+        }
     }
     let remains = |report: &Report| {
         !report.active.is_empty() || (!report.sticky.is_empty() && !arguments.clear)
     };
-    if reports.iter().any(remains) {
+    if reports.iter().any(remains) || talons.iter().any(talon::faults::Report::remains) {
         return Ok(Outcome::FaultReported);
     }
     Ok(Outcome::Done)

@@ -19,7 +19,7 @@ pub(super) struct Arguments {
 enum Action {
     /// Let the device show a rainbow on its LEDs for five seconds.
     Blink {
-        /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+        /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
         device: Selector,
     },
     /// Give the device a number, a name or the strings of its manufacture.
@@ -28,7 +28,7 @@ enum Action {
 
 #[derive(Clone, Debug, Args)]
 struct SetArguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
     device: Selector,
     #[command(flatten)]
     changes: Changes,

@@ -2,16 +2,20 @@
 
 use serde_json::{Value, json};
 use windlass_core::management::vendor::Descriptor;
+use windlass_core::params::table::ParameterId;
+use windlass_core::reset::ResetCause;
 
 use super::connect::{Connection, devices};
 use super::output::{self, say};
 use super::{Failure, Global, Outcome, scan};
-use crate::client::{Descriptors, Device, Selector, Version, product_name};
+use crate::client::{
+    Descriptors, Device, Error, Selector, Value as Parameter, Version, product_name,
+};
 
 /// Arguments of `windlass info`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
 }
 
@@ -36,9 +40,21 @@ struct Information {
     application: Version,
     bootloader: Version,
     flash_writes: u32,
+    /// What only this project's firmware tells.
+    own: Option<Own>,
 }
 
-/// Prints strings, versions and flash wear of the devices.
+/// How the device started, and what it has lost since; as parameters.
+struct Own {
+    cause: Parameter,
+    detail: Parameter,
+    place: Parameter,
+    count: Parameter,
+    dropped: Parameter,
+    failed: Parameter,
+}
+
+/// Prints strings, versions, flash wear and the latest reset of the devices.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
     let mut client = global.connect()?;
     let mut all = Vec::new();
@@ -69,7 +85,25 @@ fn read(client: &mut Connection, device: Device) -> Result<Information, Failure>
         application: Version(versions.application),
         bootloader: Version(versions.bootloader),
         flash_writes,
+        own: own(client, device)?,
     })
+}
+
+/// None if the device's firmware does not know the first of these parameters.
+fn own(client: &mut Connection, device: Device) -> Result<Option<Own>, Failure> {
+    let cause = match client.parameter(device.address, ParameterId::ResetCause) {
+        Err(Error::Refused { .. }) => return Ok(None),
+        cause => cause?,
+    };
+    let mut read = |parameter| client.parameter(device.address, parameter);
+    Ok(Some(Own {
+        cause,
+        detail: read(ParameterId::ResetDetail)?,
+        place: read(ParameterId::ResetPlace)?,
+        count: read(ParameterId::ResetCount)?,
+        dropped: read(ParameterId::FramesDropped)?,
+        failed: read(ParameterId::TransmissionsFailed)?,
+    }))
 }
 
 fn describe(information: &Information) -> Value {
@@ -78,7 +112,30 @@ fn describe(information: &Information) -> Value {
         document[key] = json!(information.strings.text(descriptor));
     }
     document["flash_sequence"] = json!(information.flash_writes);
+    if let Some(own) = &information.own {
+        document["reset"] = json!({
+            "cause": own.cause.to_string(),
+            "code": own.cause.raw,
+            "detail": own.detail.raw,
+            "place": own.place.raw,
+            "count": own.count.raw,
+        });
+        document["frames_dropped"] = json!(own.dropped.raw);
+        document["transmissions_failed"] = json!(own.failed.raw);
+    }
     document
+}
+
+/// The cause of the latest reset with what is known of it.
+fn started_by(own: &Own) -> String {
+    let (cause, detail, place) = (own.cause, own.detail, own.place);
+    match ResetCause::from_code(cause.raw as u8) {
+        Some(ResetCause::Panic) => format!("{cause} (line {}, file {place})", detail.raw),
+        Some(ResetCause::ProcessorFault) => format!("{cause} (status {detail}, address {place})"),
+        Some(ResetCause::StackGuard) => format!("{cause} (status {detail}, pointer {place})"),
+        Some(ResetCause::UnexpectedInterrupt) => format!("{cause} (exception {})", detail.raw),
+        _ => cause.to_string(),
+    }
 }
 
 fn print(information: &Information) -> Result<(), Failure> {
@@ -95,5 +152,16 @@ fn print(information: &Information) -> Result<(), Failure> {
     say!("  {:<15} {}", "bootloader", information.bootloader)?;
     let product_id = product_name(information.device.product_id);
     say!("  {:<15} {product_id}", "product id")?;
-    say!("  {:<15} {}", "flash writes", information.flash_writes)
+    say!("  {:<15} {}", "flash writes", information.flash_writes)?;
+    let Some(own) = &information.own else {
+        return Ok(());
+    };
+    say!("  {:<15} {}", "started by", started_by(own))?;
+    say!("  {:<15} {} since power-on", "restarts", own.count)?;
+    say!(
+        "  {:<15} {} received, {} given up",
+        "frames lost",
+        own.dropped,
+        own.failed
+    )
 }

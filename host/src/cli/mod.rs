@@ -14,6 +14,7 @@ mod run;
 mod sample;
 mod scan;
 pub mod sim;
+mod talon;
 mod test;
 
 use std::process::ExitCode;

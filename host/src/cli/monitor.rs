@@ -7,16 +7,17 @@ use serde_json::json;
 use super::connect::{Connection, Seconds, devices};
 use super::output::{self, LiveLine};
 use super::sample::Sample;
-use super::{Failure, Global, Outcome, interrupted};
+use super::{Failure, Global, Outcome, interrupted, talon};
 use crate::client::{Selector, Traffic};
-use crate::transport::Transport;
+use crate::transport::{Bus, Health, Transport};
 
 /// Arguments of `windlass monitor`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
-    /// Show the load of the bus too, from counted bit times with stuff bits.
+    /// Show the bus too: its load from counted bit times with stuff bits, and what the transport knows of
+    /// its CAN controller; `?` is what it cannot know.
     #[arg(long)]
     bus: bool,
     /// Watch this long [default: until Ctrl-C; 5 seconds on the sim transport].
@@ -48,7 +49,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
     let end = run_time.map(|run_time| client.now() + run_time);
     let outcome = loop {
         client.listen(every)?;
-        monitor.show(&client)?;
+        let health = monitor.health(&mut client)?;
+        monitor.show(&client, health)?;
         if interrupted() {
             break Outcome::Interrupted;
         }
@@ -73,11 +75,28 @@ struct Monitor {
 }
 
 impl Monitor {
-    fn show(&mut self, client: &Connection) -> Result<(), Failure> {
+    /// What the transport knows, if the bus is wanted.
+    fn health(&self, client: &mut Connection) -> Result<Health, Failure> {
+        Ok(match self.load {
+            Some(_) => client.bus().health()?,
+            None => Health::default(),
+        })
+    }
+
+    fn show(&mut self, client: &Connection, health: Health) -> Result<(), Failure> {
         let samples: Vec<Sample<'_>> = client
             .statuses()
             .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
             .map(|(number, status)| Sample {
+                number,
+                status,
+                now: client.now(),
+            })
+            .collect();
+        let talons: Vec<talon::sample::Sample<'_>> = client
+            .talon_statuses()
+            .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
+            .map(|(number, status)| talon::sample::Sample {
                 number,
                 status,
                 now: client.now(),
@@ -88,20 +107,29 @@ impl Monitor {
             for sample in samples {
                 output::json(&sample.document())?;
             }
+            for sample in talons {
+                output::json(&sample.document())?;
+            }
             if let Some((percent, frames_per_second)) = load {
                 output::json(&json!({
                     "t_s": client.now().as_secs_f64(),
                     "bus_load_percent": percent,
                     "frames_per_second": frames_per_second,
+                    "bus_off": health.bus_off,
+                    "tx_full": health.tx_full,
+                    "receive_errors": health.receive_errors,
+                    "transmit_errors": health.transmit_errors,
+                    "flags": health.flags.names().collect::<Vec<_>>(),
                 }))?;
             }
             return Ok(());
         }
         let mut lines: Vec<String> = samples.iter().map(Sample::line).collect();
+        lines.extend(talons.iter().map(talon::sample::Sample::line));
         if let Some((percent, frames_per_second)) = load {
             let now = client.now().as_secs_f64();
             lines.push(format!(
-                "{now:8.2} s  bus load {percent:5.1} %  {frames_per_second:.0} frames/s"
+                "{now:8.2} s  bus load {percent:5.1} %  {frames_per_second:.0} frames/s  {health}"
             ));
         }
         self.print(&lines)

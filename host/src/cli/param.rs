@@ -19,7 +19,7 @@ pub(super) struct Arguments {
 enum Action {
     /// Read parameters; all of them if none is named.
     Get {
-        /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+        /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
         device: Selector,
         /// Names as in the protocol guide (with or without "param") or numbers.
         #[arg(value_name = "PARAMETER")]
@@ -27,7 +27,7 @@ enum Action {
     },
     /// Write a parameter.
     Set {
-        /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+        /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
         device: Selector,
         /// Name as in the protocol guide (with or without "param") or number.
         parameter: String,

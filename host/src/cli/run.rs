@@ -9,7 +9,8 @@ use windlass_core::params::table::ParameterId;
 use super::connect::{Connection, Seconds};
 use super::output::{self, LiveLine, say};
 use super::sample::Sample;
-use super::{Failure, Global, Kind, Outcome, interrupted};
+use super::{Failure, Global, Kind, Outcome, interrupted, talon};
+use crate::client::talon::NeutralMode;
 use crate::client::{Address, CONTROL_PERIOD, Drive, Selector, Target, ValueError};
 
 /// Without a general status frame for this long while driving, the device counts as gone; the frame
@@ -21,7 +22,7 @@ const SWITCH_OFF_TIME: Duration = Duration::from_millis(60);
 /// Arguments of `windlass run`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
     device: Selector,
     #[command(flatten)]
     target: TargetArguments,
@@ -29,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(long, value_parser = clap::value_parser!(u8).range(0..=1), default_value_t = 0)]
     slot: u8,
     /// Largest change of the duty cycle per 500 µs in throttle units (32767 is 100 %), 0 for none; for
-    /// --duty, --voltage and --follow.
+    /// --duty, --voltage and --follow. For a Talon per 10 ms in its units (1023 is 100 %), in every mode.
     #[arg(long, value_name = "UNITS", default_value_t = 0)]
     ramp: u16,
     /// Brake at neutral, whatever the device has stored.
@@ -139,6 +140,24 @@ impl Arguments {
         }
         Ok(drive.frame())
     }
+
+    fn talon_drive(&self, run_time: Option<Duration>) -> Result<talon::run::Drive, ValueError> {
+        let neutral = match (self.brake, self.coast) {
+            (true, _) => NeutralMode::Brake,
+            (_, true) => NeutralMode::Coast,
+            _ => NeutralMode::Jumper,
+        };
+        Ok(talon::run::Drive {
+            target: self.target.target(self.counts_per_revolution)?,
+            slot: self.slot,
+            ramp: self.ramp,
+            neutral,
+            reverse_motor: self.reverse_motor,
+            reverse_sensor: self.reverse_sensor,
+            every: Duration::from_millis(self.every),
+            run_time,
+        })
+    }
 }
 
 /// Drives the device; whatever ends the drive, the last frame switches the output off.
@@ -146,7 +165,12 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
     let control = arguments.control()?;
     let run_time = global.run_time(arguments.seconds)?;
     let mut client = global.connect()?;
-    let address = client.find(&arguments.device)?.address;
+    let device = client.find(&arguments.device)?;
+    let address = device.address;
+    if talon::is_talon(&mut client, &device)? {
+        let drive = arguments.talon_drive(run_time)?;
+        return drive.run(&mut client, address.number, global);
+    }
     let mut drive = Drives {
         client: &mut client,
         number: address.number,

@@ -1,11 +1,13 @@
 //! `windlass scan`: who is on the bus.
 
 use serde_json::{Value, json};
+use windlass_core::dialect::DialectKind;
+use windlass_core::management::wire::ImageType;
 
-use super::connect::devices;
+use super::connect::{Connection, devices};
 use super::output::{self, say};
 use super::{Failure, Global, Outcome};
-use crate::client::{Device, Version, product_name};
+use crate::client::{Device, Error, Version, product_name};
 
 /// Arguments of `windlass scan`.
 #[derive(Clone, Debug, clap::Args)]
@@ -13,20 +15,31 @@ pub(super) struct Arguments {}
 
 /// Lists every device on the bus.
 pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
-    let devices = devices(&mut global.connect()?, None)?;
+    let mut client = global.connect()?;
+    let devices = devices(&mut client, None)?;
     let duplicates = duplicates(&devices);
+    let dialects = dialects(&mut client, &devices)?;
     if global.json {
-        let list: Vec<Value> = devices.iter().map(describe).collect();
+        let list: Vec<Value> = devices
+            .iter()
+            .zip(&dialects)
+            .map(|(device, dialect)| {
+                let mut document = describe(device);
+                document["dialect"] = json!(dialect);
+                document
+            })
+            .collect();
         output::json(&json!({"devices": list, "duplicate_numbers": duplicates}))?;
         return Ok(Outcome::Done);
     }
-    say!("device      image         app    boot   product")?;
-    for device in &devices {
+    say!("device      dialect  image         app    boot   product")?;
+    for (device, dialect) in devices.iter().zip(dialects) {
+        let dialect = dialect.unwrap_or("?");
         let address = device.address.to_string();
         let image = device.image_name();
         let (application, bootloader) = versions(device);
         let product = product_name(device.product_id);
-        say!("{address:<11} {image:<13} {application:<6} {bootloader:<6} {product}")?;
+        say!("{address:<11} {dialect:<8} {image:<13} {application:<6} {bootloader:<6} {product}")?;
     }
     for number in duplicates {
         say!(
@@ -38,6 +51,31 @@ pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Fa
         say!("note: a device has no number yet; give it one with `windlass id set 0 NUMBER`")?;
     }
     Ok(Outcome::Done)
+}
+
+/// What drives each device; none for bootloaders, and for devices that do not tell.
+fn dialects(
+    client: &mut Connection,
+    devices: &[Device],
+) -> Result<Vec<Option<&'static str>>, Failure> {
+    let mut dialects = Vec::new();
+    for device in devices {
+        let application = device
+            .versions
+            .is_some_and(|versions| versions.image == ImageType::Application);
+        let dialect = if application {
+            match client.dialect(device.address) {
+                Ok(dialect) => dialect,
+                // It is there: its answer to this one question was lost.
+                Err(Error::NoAnswer { .. } | Error::WrongSession { .. }) => None,
+                Err(error) => return Err(error.into()),
+            }
+        } else {
+            None
+        };
+        dialects.push(dialect.map(DialectKind::name));
+    }
+    Ok(dialects)
 }
 
 /// A device as JSON, the same in every verb.

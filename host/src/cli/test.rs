@@ -11,7 +11,8 @@ use windlass_core::params::table::{ParameterId, TABLE};
 
 use super::connect::{Connection, devices};
 use super::output::{self, say};
-use super::{Failure, Global, Outcome, faults};
+use super::{Failure, Global, Kind, Outcome, faults, talon};
+use crate::client::talon::SelfTest;
 use crate::client::{Device, Error, PinTestResult, Selector, Value, Version, is_own};
 
 /// How long status frames are counted.
@@ -24,7 +25,7 @@ const CASE_CELSIUS: std::ops::RangeInclusive<f64> = -40.0..=85.0;
 /// Arguments of `windlass test`.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The device, as 5, dmc60c:5, @0x1234 or 5@0x1234; all devices if left out.
+    /// The device, as 5, talon:5, @0x1234 or 5@0x1234; all devices if left out.
     device: Option<Selector>,
     /// Also test the expansion header J1 for short circuits; unplug everything from it first.
     #[arg(long)]
@@ -54,24 +55,78 @@ impl Check {
 /// Tests the devices and prints a report; ends with the exit code for faults if a check failed.
 pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
     let mut client = global.connect()?;
+    let selector = arguments.device.as_ref();
+    let found = match devices(&mut client, selector) {
+        Err(failure) if failure.kind == Kind::NoDevice && talon::named(selector).is_some() => {
+            Vec::new()
+        }
+        found => found?,
+    };
     let mut reports = Vec::new();
-    for device in devices(&mut client, arguments.device.as_ref())? {
-        reports.push((device, examine(&mut client, device, arguments)?));
+    for device in &found {
+        let report = if talon::is_talon(&mut client, device)? {
+            Report::Talon(talon::test::examine(
+                &mut client,
+                device.address.number,
+                global,
+            )?)
+        } else {
+            Report::Checks(*device, examine(&mut client, *device, arguments)?)
+        };
+        reports.push(report);
+    }
+    if let (true, Some(number)) = (found.is_empty(), talon::named(selector)) {
+        reports.push(Report::Talon(talon::test::examine(
+            &mut client,
+            number,
+            global,
+        )?));
     }
     if global.json {
-        let list: Vec<Json> = reports.iter().map(describe).collect();
+        let list: Vec<Json> = reports.iter().map(Report::describe).collect();
         output::json(&json!({"devices": list}))?;
     } else {
         for report in &reports {
-            print(report)?;
+            report.print()?;
         }
     }
-    let failed = reports.iter().any(|(_, checks)| !passed(checks));
+    let failed = reports.iter().any(|report| !report.passed());
     Ok(if failed {
         Outcome::FaultReported
     } else {
         Outcome::Done
     })
+}
+
+/// What was found out about one device.
+enum Report {
+    /// The checks of this tool.
+    Checks(Device, Vec<Check>),
+    /// The self-test of the Talon's manual.
+    Talon(SelfTest),
+}
+
+impl Report {
+    fn passed(&self) -> bool {
+        match self {
+            Self::Checks(_, checks) => passed(checks),
+            Self::Talon(report) => talon::test::passed(report),
+        }
+    }
+
+    fn print(&self) -> Result<(), Failure> {
+        match self {
+            Self::Checks(device, checks) => print(device, checks),
+            Self::Talon(report) => talon::test::print(report),
+        }
+    }
+
+    fn describe(&self) -> Json {
+        match self {
+            Self::Checks(device, checks) => describe(device, checks),
+            Self::Talon(report) => talon::test::describe(report),
+        }
+    }
 }
 
 fn passed(checks: &[Check]) -> bool {
@@ -241,7 +296,7 @@ fn pin_check(name: &'static str, result: PinTestResult) -> Check {
     }
 }
 
-fn print((device, checks): &(Device, Vec<Check>)) -> Result<(), Failure> {
+fn print(device: &Device, checks: &[Check]) -> Result<(), Failure> {
     say!("device {}", device.address)?;
     for check in checks {
         let verdict = if check.passed { "pass" } else { "FAIL" };
@@ -254,7 +309,7 @@ fn print((device, checks): &(Device, Vec<Check>)) -> Result<(), Failure> {
     }
 }
 
-fn describe((device, checks): &(Device, Vec<Check>)) -> Json {
+fn describe(device: &Device, checks: &[Check]) -> Json {
     let list: Vec<Json> = checks
         .iter()
         .map(|check| json!({"name": check.name, "passed": check.passed, "detail": check.detail}))

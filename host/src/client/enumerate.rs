@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use windlass_core::dialect::DialectKind;
 use windlass_core::frame::Frame;
 use windlass_core::frc_id;
 use windlass_core::management::wire::{
-    EnumerateResponse0, EnumerateResponse1, FirmwareVersions, id,
+    EnumerateResponse0, EnumerateResponse1, FirmwareVersions, ImageType, id,
 };
+use windlass_core::params::table::ParameterId;
 
 use super::{Address, Client, Device, Error, Selector};
 use crate::transport::{Bus, BusError};
@@ -93,7 +95,15 @@ impl<B: Bus> Client<B> {
             return Err(Error::NoDevice);
         }
         let matches = |device: &&Device| selector.matches(device.address);
-        let found: Vec<Device> = devices.iter().filter(matches).copied().collect();
+        let mut found: Vec<Device> = devices.iter().filter(matches).copied().collect();
+        if let Some(wanted) = selector.dialect {
+            let numbered = std::mem::take(&mut found);
+            for device in numbered {
+                if self.is_driven_by(&device, wanted)? {
+                    found.push(device);
+                }
+            }
+        }
         match found.as_slice() {
             [device] => Ok(*device),
             [] => Err(Error::NotFound {
@@ -105,6 +115,29 @@ impl<B: Bus> Client<B> {
                 candidates: addresses(several),
             }),
         }
+    }
+
+    /// The dialect that drives the device; none if it does not tell, as bootloaders and other makers'
+    /// DMC60C do.
+    ///
+    /// # Errors
+    /// No answer, or the bus failed.
+    pub fn dialect(&mut self, address: Address) -> Result<Option<DialectKind>, Error> {
+        match self.parameter(address, ParameterId::Dialect) {
+            Ok(value) => Ok(DialectKind::from_code(value.raw)),
+            Err(Error::Refused { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// A device that does not tell its dialect is taken for any; a bootloader is not asked.
+    fn is_driven_by(&mut self, device: &Device, wanted: DialectKind) -> Result<bool, Error> {
+        let image = device.versions.map(|versions| versions.image);
+        if image == Some(ImageType::Bootloader) {
+            return Ok(true);
+        }
+        let dialect = self.dialect(device.address)?;
+        Ok(dialect.is_none_or(|dialect| dialect == wanted))
     }
 
     fn find_by_session(&mut self, selector: &Selector) -> Result<Option<Device>, BusError> {

@@ -1,4 +1,5 @@
-//! Client of the DMC60C protocol, generic over [`Bus`].
+//! Client of the management channel and of the DMC60C protocol, generic over [`Bus`]; [`talon`] drives
+//! Talon SRX devices on top of it.
 //!
 //! [`Client`] sends requests, waits for their answers and, whatever it waits for, keeps the latest
 //! status frames of every device ([`Client::status`]) and counts the traffic ([`Client::traffic`]).
@@ -10,6 +11,7 @@ mod error;
 mod parameter;
 mod selector;
 mod status;
+pub mod talon;
 mod vendor;
 
 use std::collections::BTreeMap;
@@ -55,6 +57,7 @@ pub struct Client<B> {
     bus: B,
     answer_timeout: Duration,
     statuses: BTreeMap<u8, Status>,
+    talons: BTreeMap<u8, talon::TalonStatus>,
     traffic: Traffic,
 }
 
@@ -65,6 +68,7 @@ impl<B: Bus> Client<B> {
             bus,
             answer_timeout: Duration::from_millis(100),
             statuses: BTreeMap::new(),
+            talons: BTreeMap::new(),
             traffic: Traffic::default(),
         }
     }
@@ -131,6 +135,16 @@ impl<B: Bus> Client<B> {
             .map(|(number, status)| (*number, status))
     }
 
+    /// The latest frames of the Talons with number `number`.
+    pub fn talon_status(&self, number: u8) -> Option<&talon::TalonStatus> {
+        self.talons.get(&number)
+    }
+
+    /// The latest frames of every Talon that sends any, by device number.
+    pub fn talon_statuses(&self) -> impl Iterator<Item = (u8, &talon::TalonStatus)> {
+        self.talons.iter().map(|(number, status)| (*number, status))
+    }
+
     /// What passed on the bus so far.
     pub const fn traffic(&self) -> Traffic {
         self.traffic
@@ -194,10 +208,11 @@ impl<B: Bus> Client<B> {
     }
 
     fn note_status(&mut self, frame: &Frame, at: Duration) {
-        let Some(number) = status::sender(frame) else {
-            return;
-        };
-        self.statuses.entry(number).or_default().note(frame, at);
+        if let Some(number) = status::sender(frame) {
+            self.statuses.entry(number).or_default().note(frame, at);
+        } else if let Some(number) = talon::sender(frame) {
+            self.talons.entry(number).or_default().note(frame, at);
+        }
     }
 
     fn count(&mut self, frame: &Frame) {

@@ -8,12 +8,15 @@ use windlass_core::management::wire::MAX_DEVICE_NUMBER;
 
 use super::Address;
 
-/// A device by number, session or both: `5`, `dmc60c:5`, `@0x1234`, `dmc60c:0@0x1234`.
+/// A device by number, session or both: `5`, `talon:5`, `@0x1234`, `dmc60c:0@0x1234`. With a dialect the device
+/// has to be driven by it; numbers of different dialects do not clash.
 ///
 /// The session tells devices with the same number apart. It is written as hexadecimal with `0x` or as
 /// decimal; 0 never names a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Selector {
+    /// Driving dialect, if given.
+    pub dialect: Option<DialectKind>,
     /// Device number, if given.
     pub number: Option<u8>,
     /// Session, if given.
@@ -22,11 +25,11 @@ pub struct Selector {
 
 /// Why a selector makes no sense.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}; write a device as 5, dmc60c:5, @0x1234 or 5@0x1234")]
+#[error("{0}; write a device as 5, dmc60c:5, talon:5, @0x1234 or 5@0x1234")]
 pub struct SelectorError(String);
 
 impl Selector {
-    /// True if the selector names this address.
+    /// True if the selector names this address; the dialect is not looked at.
     #[must_use]
     pub fn matches(&self, address: Address) -> bool {
         self.number.is_none_or(|number| number == address.number)
@@ -39,6 +42,7 @@ impl Selector {
 impl From<Address> for Selector {
     fn from(address: Address) -> Self {
         Self {
+            dialect: None,
             number: Some(address.number),
             session: Some(address.session),
         }
@@ -53,18 +57,28 @@ impl FromStr for Selector {
             Some((node, session)) => (node, Some(parse_session(session)?)),
             None => (text, None),
         };
-        let number = match (node.is_empty(), session) {
+        let (dialect, number) = match (node.is_empty(), session) {
             (true, None) => return Err(SelectorError("the device is missing".to_owned())),
-            (true, Some(_)) => None,
-            (false, _) => Some(parse_number(node)?),
+            (true, Some(_)) => (None, None),
+            (false, _) => {
+                let (dialect, number) = parse_node(node)?;
+                (dialect, Some(number))
+            }
         };
-        Ok(Self { number, session })
+        Ok(Self {
+            dialect,
+            number,
+            session,
+        })
     }
 }
 
 impl fmt::Display for Selector {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(number) = self.number {
+            if let Some(dialect) = self.dialect {
+                write!(out, "{}:", dialect.name())?;
+            }
             write!(out, "{number}")?;
         }
         if let Some(session) = self.session {
@@ -74,27 +88,26 @@ impl fmt::Display for Selector {
     }
 }
 
-/// The number, after a dialect's name if there is one. Every device answers the management channel the
-/// same way, so the dialect only has to exist.
-fn parse_number(node: &str) -> Result<u8, SelectorError> {
-    let digits = match node.split_once(':') {
-        Some((dialect, digits)) => {
-            if DialectKind::from_name(dialect).is_none() {
-                return Err(SelectorError(format!("there is no dialect \"{dialect}\"")));
-            }
-            digits
+/// The number, after a dialect's name if there is one.
+fn parse_node(node: &str) -> Result<(Option<DialectKind>, u8), SelectorError> {
+    let (dialect, digits) = match node.split_once(':') {
+        Some((name, digits)) => {
+            let dialect = DialectKind::from_name(name)
+                .ok_or_else(|| SelectorError(format!("there is no dialect \"{name}\"")))?;
+            (Some(dialect), digits)
         }
-        None => node,
+        None => (None, node),
     };
     let number = digits
         .parse()
         .ok()
         .filter(|number| *number <= MAX_DEVICE_NUMBER);
-    number.ok_or_else(|| {
+    let number = number.ok_or_else(|| {
         SelectorError(format!(
             "\"{digits}\" is no device number (0 to {MAX_DEVICE_NUMBER})"
         ))
-    })
+    })?;
+    Ok((dialect, number))
 }
 
 fn parse_session(text: &str) -> Result<u16, SelectorError> {
@@ -112,17 +125,23 @@ mod tests {
 
     #[test]
     fn every_form_is_understood() {
-        for (text, number, session) in [
-            ("5", Some(5), None),
-            ("0", Some(0), None),
-            ("dmc60c:63", Some(63), None),
-            ("@0x1234", None, Some(0x1234)),
-            ("@4660", None, Some(0x1234)),
-            ("dmc60c:0@0xffff", Some(0), Some(0xFFFF)),
-            ("7@0XABCD", Some(7), Some(0xABCD)),
+        let dmc60c = Some(DialectKind::Dmc60c);
+        for (text, dialect, number, session) in [
+            ("5", None, Some(5), None),
+            ("0", None, Some(0), None),
+            ("dmc60c:63", dmc60c, Some(63), None),
+            ("@0x1234", None, None, Some(0x1234)),
+            ("@4660", None, None, Some(0x1234)),
+            ("dmc60c:0@0xffff", dmc60c, Some(0), Some(0xFFFF)),
+            ("7@0XABCD", None, Some(7), Some(0xABCD)),
         ] {
             let selector: Selector = text.parse().unwrap();
-            assert_eq!(selector, Selector { number, session }, "{text}");
+            let expected = Selector {
+                dialect,
+                number,
+                session,
+            };
+            assert_eq!(selector, expected, "{text}");
             assert_eq!(selector.to_string().parse::<Selector>().unwrap(), selector);
         }
     }

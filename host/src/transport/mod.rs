@@ -1,6 +1,7 @@
 //! Ways to reach a CAN bus, behind one trait and one transport string.
 
 mod error;
+mod health;
 mod sim;
 mod slcan;
 #[cfg(target_os = "linux")]
@@ -12,6 +13,7 @@ use std::time::Duration;
 use windlass_core::frame::Frame;
 
 pub use error::BusError;
+pub use health::{Flags, Health};
 pub use sim::SimBus;
 pub use slcan::{BIT_RATES, SlcanBus, Stream};
 #[cfg(target_os = "linux")]
@@ -46,6 +48,15 @@ pub trait Bus {
 
     /// Time on this bus since it was opened: virtual for a simulated bus.
     fn now(&self) -> Duration;
+
+    /// What is known about the CAN controller. An adapter that has to be asked is asked now, and its answer
+    /// is part of a later call's value.
+    ///
+    /// # Errors
+    /// The adapter or the connection to it has failed.
+    fn health(&mut self) -> Result<Health, BusError> {
+        Ok(Health::default())
+    }
 }
 
 impl<B: Bus + ?Sized> Bus for Box<B> {
@@ -59,6 +70,28 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
 
     fn now(&self) -> Duration {
         (**self).now()
+    }
+
+    fn health(&mut self) -> Result<Health, BusError> {
+        (**self).health()
+    }
+}
+
+impl<B: Bus + ?Sized> Bus for &mut B {
+    fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
+        (**self).send(frame)
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {
+        (**self).receive(timeout)
+    }
+
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+
+    fn health(&mut self) -> Result<Health, BusError> {
+        (**self).health()
     }
 }
 

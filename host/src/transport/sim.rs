@@ -6,13 +6,17 @@ use windlass_core::frame::Frame;
 use windlass_core::time;
 use windlass_sim::{NodeSpec, ParticipantId, World, WorldConfig};
 
-use super::{Bus, BusError, Received};
+use super::{Bus, BusError, Health, Received};
+
+/// Frames that wait for the bus before more are dropped.
+const TRANSMIT_BUFFER: usize = 1024;
 
 /// One participant in a [`World`] of its own.
 #[derive(Debug)]
 pub struct SimBus {
     world: World,
     participant: ParticipantId,
+    tx_full: u64,
 }
 
 impl SimBus {
@@ -20,7 +24,11 @@ impl SimBus {
     #[must_use]
     pub fn new(mut world: World) -> Self {
         let participant = world.join("windlass");
-        Self { world, participant }
+        Self {
+            world,
+            participant,
+            tx_full: 0,
+        }
     }
 
     /// A new world with these nodes.
@@ -41,7 +49,11 @@ impl SimBus {
 
 impl Bus for SimBus {
     fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
-        self.world.send(self.participant, *frame);
+        if self.world.pending(self.participant) < TRANSMIT_BUFFER {
+            self.world.send(self.participant, *frame);
+        } else {
+            self.tx_full += 1;
+        }
         Ok(())
     }
 
@@ -59,5 +71,18 @@ impl Bus for SimBus {
 
     fn now(&self) -> Duration {
         Duration::from_micros(self.world.now().as_micros())
+    }
+
+    fn health(&mut self) -> Result<Health, BusError> {
+        let mut health = Health {
+            tx_full: Some(self.tx_full),
+            ..Health::default()
+        };
+        if let Some(own) = self.world.participant(self.participant) {
+            health.bus_off = Some(u64::from(own.bus_off_count));
+            health.receive_errors = Some(own.rec);
+            health.transmit_errors = Some(own.tec);
+        }
+        Ok(health)
     }
 }

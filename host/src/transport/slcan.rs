@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use windlass_core::frame::Frame;
 use windlass_core::slcan::{self, Line, LineReader};
 
-use super::{Bus, BusError, Received};
+use super::{Bus, BusError, Flags, Health, Received};
 
 /// Bit rates of the `S` command, in the order of its digit.
 pub const BIT_RATES: [u32; 9] = [
@@ -51,6 +51,9 @@ pub struct SlcanBus<S: Stream> {
     lines: LineReader,
     ready: VecDeque<Received>,
     opened: Instant,
+    /// What the adapter's answers to `F` said so far and how often its transmit queue was full; none
+    /// before the first answer.
+    told: Option<(Flags, u64)>,
 }
 
 impl SlcanBus<Box<dyn serialport::SerialPort>> {
@@ -116,6 +119,7 @@ impl<S: Stream> SlcanBus<S> {
             lines: LineReader::new(),
             ready: VecDeque::new(),
             opened: Instant::now(),
+            told: None,
         };
         bus.write(format!("\rC\rS{digit}\rO\r").as_bytes())?;
         Ok(bus)
@@ -152,19 +156,35 @@ impl<S: Stream> SlcanBus<S> {
         }
     }
 
-    /// Takes one byte. Lines that are no frames (answers to commands) are skipped; a bell stands for a
-    /// refused command and ends no line.
+    /// Takes one byte. Of the lines that are no frames only the answer to `F` says something; a bell stands
+    /// for a refused command and ends no line.
     fn take(&mut self, byte: u8, at: Duration) {
         if byte == slcan::BEL {
             self.lines.clear();
             return;
         }
-        if let Some(Line::Content(line)) = self.lines.push(byte)
-            && let Some((frame, _)) = slcan::parse(&line)
-        {
+        let Some(Line::Content(line)) = self.lines.push(byte) else {
+            return;
+        };
+        if let Some((frame, _)) = slcan::parse(&line) {
             self.ready.push_back(Received { frame, at });
+        } else if let Some(flags) = status_flags(&line) {
+            let (before, tx_full) = self.told.unwrap_or_default();
+            let full = flags & slcan::flag::TRANSMIT_QUEUE_FULL != 0;
+            self.told = Some((Flags(before.0 | flags), tx_full + u64::from(full)));
         }
     }
+}
+
+/// The flags in an answer to `F`.
+fn status_flags(line: &[u8]) -> Option<u8> {
+    let [b'F', digits @ ..] = line else {
+        return None;
+    };
+    let digits = std::str::from_utf8(digits).ok()?;
+    (digits.len() == 2)
+        .then(|| u8::from_str_radix(digits, 16).ok())
+        .flatten()
 }
 
 impl<S: Stream> Bus for SlcanBus<S> {
@@ -186,6 +206,17 @@ impl<S: Stream> Bus for SlcanBus<S> {
 
     fn now(&self) -> Duration {
         self.opened.elapsed()
+    }
+
+    /// SLCAN has flags and no counters. An adapter that does not know `F` answers with a bell or not at all.
+    fn health(&mut self) -> Result<Health, BusError> {
+        self.write(b"F\r")?;
+        let mut health = Health::default();
+        if let Some((flags, tx_full)) = self.told {
+            health.flags = flags;
+            health.tx_full = Some(tx_full);
+        }
+        Ok(health)
     }
 }
 

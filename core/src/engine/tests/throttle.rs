@@ -122,7 +122,10 @@ fn the_ramp_moves_once_in_10_ms_in_every_mode_and_both_ways() {
     for reach in [duty(1023), Setpoint::Follow(7), Setpoint::Position(5000)] {
         let mut rig = rig();
         rig.set(ParameterId::ThrottleSlot0P, 1 << 22);
-        rig.command.master = MasterReport { duty: Duty::MAX, sequence: 1 };
+        rig.command.master = MasterReport {
+            duty: Duty::MAX,
+            sequence: 1,
+        };
         rig.command.opts.ramp = 10;
         let mut seen = std::vec![0];
         for tick in 0..2100 {
@@ -134,7 +137,11 @@ fn the_ramp_moves_once_in_10_ms_in_every_mode_and_both_ways() {
             assert!((window[20] - window[0]).abs() <= 10, "{window:?}");
         }
         assert_eq!(seen[1050], 530, "53 steps in 52.5 periods of 10 ms");
-            assert_eq!(seen[2100], 530 - 520, "the first step back is 10 ms after the last one up");
+        assert_eq!(
+            seen[2100],
+            530 - 520,
+            "the first step back is 10 ms after the last one up"
+        );
     }
 }
 
@@ -154,12 +161,21 @@ fn the_loop_works_once_in_a_millisecond_beginning_at_once() {
     let mut rig = rig();
     rig.set(ParameterId::ThrottleSlot0I, 1 << 22);
     // The first pass accumulates nothing (manual 18), each further one 7.
-    let got: std::vec::Vec<_> = (0..8).map(|_| rig.throttle(Setpoint::Position(7), 1)).collect();
+    let got: std::vec::Vec<_> = (0..8)
+        .map(|_| rig.throttle(Setpoint::Position(7), 1))
+        .collect();
     assert_eq!(got, [0, 0, 7, 7, 14, 14, 21, 21]);
     assert_eq!(rig.snapshot.accumulator, 21);
     assert_eq!(rig.snapshot.error, 7);
-    rig.command.set_accumulator = SetAccumulator { value: 0, generation: 1 };
-    assert_eq!(rig.throttle(Setpoint::Position(7), 1), 7, "cleared before the pass");
+    rig.command.set_accumulator = SetAccumulator {
+        value: 0,
+        generation: 1,
+    };
+    assert_eq!(
+        rig.throttle(Setpoint::Position(7), 1),
+        7,
+        "cleared before the pass"
+    );
     assert_eq!(rig.snapshot.accumulator, 7);
 }
 
@@ -209,7 +225,10 @@ fn reversal_turns_loop_and_follower_and_the_sensor_only_its_own_reading() {
     rig.encoder(100);
     rig.command.opts.reverse_motor = true;
     assert_eq!(rig.throttle(Setpoint::Position(150), 1), -50);
-    rig.command.master = MasterReport { duty: Duty::from_throttle(400), sequence: 1 };
+    rig.command.master = MasterReport {
+        duty: Duty::from_throttle(400),
+        sequence: 1,
+    };
     assert_eq!(rig.throttle(Setpoint::Follow(7), 1), -400);
     rig.command.opts.reverse_sensor = true;
     rig.throttle(Setpoint::Follow(7), 1);
@@ -267,8 +286,15 @@ fn analog_and_edge_velocity_are_the_change_of_100_ms() {
     }
     rig.command.opts.sensor = SensorSelect::RisingEdges;
     rig.tick();
-    assert!((600 - rig.snapshot.velocity).abs() <= 6, "{}", rig.snapshot.velocity);
-    assert_eq!(rig.snapshot.raw.encoder.velocity, 0, "raw signals stay apart");
+    assert!(
+        (600 - rig.snapshot.velocity).abs() <= 6,
+        "{}",
+        rig.snapshot.velocity
+    );
+    assert_eq!(
+        rig.snapshot.raw.encoder.velocity, 0,
+        "raw signals stay apart"
+    );
 }
 
 #[test]
@@ -294,7 +320,11 @@ fn each_sensor_sets_its_position_by_its_own_rule() {
     let mut set = |rig: &mut Rig, of, sensor, counts| {
         generation += 1;
         rig.command.opts.sensor = sensor;
-        rig.command.set_position = SetPosition { of, counts, generation };
+        rig.command.set_position = SetPosition {
+            of,
+            counts,
+            generation,
+        };
         rig.tick();
         rig.snapshot.position
     };
@@ -330,35 +360,60 @@ fn soft_limits_begin_beyond_the_threshold_of_the_selected_sensor() {
         .set(ParameterId::SoftReverseThreshold, -100)
         .set(ParameterId::SoftForwardEnable, 1)
         .set(ParameterId::SoftReverseEnable, 1);
-    for (position, forward, reverse) in
-        [(100, true, true), (101, false, true), (-100, true, true), (-101, true, false)]
-    {
+    for (position, forward, reverse) in [
+        (100, true, true),
+        (101, false, true),
+        (-100, true, true),
+        (-101, true, false),
+    ] {
         rig.encoder(position);
-        assert_eq!(rig.throttle(duty(500), 1) != 0, forward, "forward at {position}");
-        assert_eq!(rig.throttle(duty(-500), 1) != 0, reverse, "reverse at {position}");
+        assert_eq!(
+            rig.throttle(duty(500), 1) != 0,
+            forward,
+            "forward at {position}"
+        );
+        assert_eq!(
+            rig.throttle(duty(-500), 1) != 0,
+            reverse,
+            "reverse at {position}"
+        );
     }
     rig.command.opts.sensor = SensorSelect::AnalogPotentiometer;
     rig.encoder(0).analog(500);
     assert_eq!(rig.throttle(duty(500), 2), 0);
-    assert!(rig.snapshot.forward.soft_hit, "shown in the direction that is not driven too");
+    assert!(
+        rig.snapshot.forward.soft_hit,
+        "shown in the direction that is not driven too"
+    );
     assert_eq!(rig.throttle(duty(-500), 2), -500);
     rig.set(ParameterId::SoftForwardThreshold, i32::MAX);
-    assert_eq!(rig.throttle(duty(500), 2), 500, "nothing is beyond the end of the range");
+    assert_eq!(
+        rig.throttle(duty(500), 2),
+        500,
+        "nothing is beyond the end of the range"
+    );
 }
 
 #[test]
 fn limit_switch_truth_table_of_the_manual() {
     // Manual 4.1: mode, switch open and closed, drive.
-    for (closed_type, disabled, drives_open, drives_closed) in
-        [(0, 0, true, false), (1, 0, false, true), (0, 1, true, true), (1, 1, true, true)]
-    {
+    for (closed_type, disabled, drives_open, drives_closed) in [
+        (0, 0, true, false),
+        (1, 0, false, true),
+        (0, 1, true, true),
+        (1, 1, true, true),
+    ] {
         let mut rig = rig();
         rig.set(ParameterId::ForwardLimitNormallyClosed, closed_type)
             .set(ParameterId::ForwardLimitDisabled, disabled);
         for (high, drives) in [(true, drives_open), (false, drives_closed)] {
             rig.sample.pins.forward_limit = high;
             assert_eq!(rig.throttle(duty(500), 2) != 0, drives);
-            assert_eq!(rig.throttle(duty(-500), 2), -500, "the other direction still drives");
+            assert_eq!(
+                rig.throttle(duty(-500), 2),
+                -500,
+                "the other direction still drives"
+            );
         }
     }
 }
@@ -394,7 +449,11 @@ fn voltage_temperature_and_current_never_stop_the_drive_and_are_shown_while_pres
     rig.amperes(63.0);
     assert_eq!(rig.throttle(duty(1023), 20_000), 1023, "not derated either");
     let faults = rig.snapshot.faults;
-    for fault in [Fault::UnderVoltage, Fault::OverTemperature, Fault::OverCurrent] {
+    for fault in [
+        Fault::UnderVoltage,
+        Fault::OverTemperature,
+        Fault::OverCurrent,
+    ] {
         assert!(faults.contains(fault), "{fault:?}");
     }
     rig.sample.bus_voltage = volts(6.6);
@@ -423,7 +482,10 @@ fn i3_a_failure_of_the_power_stage_is_off_in_the_same_tick_and_for_3_s() {
 fn a_follower_copies_for_100_ms_and_then_is_neutral_at_once() {
     let mut rig = rig();
     rig.command.opts.ramp = 200;
-    rig.command.master = MasterReport { duty: Duty::from_throttle(-700), sequence: 1 };
+    rig.command.master = MasterReport {
+        duty: Duty::from_throttle(-700),
+        sequence: 1,
+    };
     rig.throttle(Setpoint::Follow(9), 100);
     assert_eq!(rig.applied(), -700);
     for tick in 101..400 {
@@ -447,7 +509,10 @@ fn neutral_is_enabled_and_drives_nothing() {
 fn the_rc_input_drives_without_a_bus() {
     let mut rig = rig();
     rig.send(Setpoint::Pulse);
-    rig.sample.pulse = Pulse { width_us: 2000, count: 1 };
+    rig.sample.pulse = Pulse {
+        width_us: 2000,
+        count: 1,
+    };
     rig.ticks(3);
     assert_eq!(rig.applied(), 1023);
 }
@@ -559,7 +624,8 @@ fn i10_the_same_ticks_give_the_same_snapshots() {
         let mut engine = Engine::new();
         core::mem::swap(&mut engine, &mut rig.engine);
         rig.engine = engine;
-        rig.set(ParameterId::ThrottleSlot0P, 3 << 20).set(ParameterId::ThrottleSlot0I, 1 << 12);
+        rig.set(ParameterId::ThrottleSlot0P, 3 << 20)
+            .set(ParameterId::ThrottleSlot0I, 1 << 12);
         (0..5000_u32)
             .map(|tick| {
                 rig.encoder((tick * 7919 % 4001) as i32);

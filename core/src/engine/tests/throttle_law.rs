@@ -85,7 +85,11 @@ impl Listing {
         } else {
             self.accumulator = 0;
         }
-        let change = if self.not_first { saturated(error - self.previous) } else { 0 };
+        let change = if self.not_first {
+            saturated(error - self.previous)
+        } else {
+            0
+        };
         let mut before = multiply(error, i128::from(gains.p));
         if self.accumulator != 0 && gains.i != 0 {
             before = saturated(before + multiply(self.accumulator, i128::from(gains.i)));

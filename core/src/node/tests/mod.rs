@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod reset;
 mod stored;
 
 use std::vec::Vec;

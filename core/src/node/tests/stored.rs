@@ -12,11 +12,12 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
         assert_eq!(response.parameter, code);
         match ParameterId::from_code(code) {
             Some(id) => {
-                assert_eq!(
-                    (response.value, response.code),
-                    (id.row().default, 0),
-                    "{code}"
-                );
+                let expected = match id {
+                    // The table holds no default for what is computed; the bench was switched on.
+                    ParameterId::ResetCause => crate::reset::ResetCause::PowerOn as u32,
+                    _ => id.row().default,
+                };
+                assert_eq!((response.value, response.code), (expected, 0), "{code}");
             }
             None => assert_eq!((response.value, response.code), (0, 1), "{code}"),
         }

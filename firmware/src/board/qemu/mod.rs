@@ -14,13 +14,12 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
-use cortex_m_semihosting::hio;
-use heapless::Vec;
 use static_cell::StaticCell;
 use stm32_metapac as pac;
 use windlass_core::engine::snapshot::Actuation;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::reset::ResetCause;
 use windlass_core::time::Instant;
 
 use crate::chip::stm32f405_emulated as chip;
@@ -35,9 +34,6 @@ use bus::SlcanBus;
 
 /// Difference of boards that were made on one day: here there is only one.
 const SEED: u32 = 0x5EED_0001;
-
-/// One line for the emulator's console.
-type Text = Vec<u8, 64>;
 
 static CROSSING: Crossing = Crossing::new();
 
@@ -100,7 +96,6 @@ static BOARD: StaticCell<Qemu> = StaticCell::new();
 static THREAD: StaticCell<Thread> = StaticCell::new();
 
 /// The board's part of thread mode.
-#[derive(Default)]
 struct Qemu {
     bus: SlcanBus,
     clock: Clock,
@@ -144,7 +139,6 @@ impl Board for Qemu {
 
 /// Starts the hardware and runs thread mode.
 pub fn run() -> ! {
-    report_start();
     if let Some(mut core) = Peripherals::take() {
         chip::start_serial(&mut core.NVIC, serial::CAN, pac::Interrupt::USART1);
         chip::start_serial(&mut core.NVIC, serial::POKES, pac::Interrupt::USART2);
@@ -155,39 +149,16 @@ pub fn run() -> ! {
     thread.run(board, &CROSSING)
 }
 
-/// Tells the emulator's console why the program starts. Without the formatting of the standard library,
-/// whose calls through tables would make the depth of the stack unknowable.
-fn report_start() {
-    let mut text: Text = Text::new();
-    let mut append = |bytes: &[u8]| {
-        // The capacity is that of the longest text.
-        let _ = text.extend_from_slice(bytes);
-    };
-    match RECORD.take() {
-        None => append(b"windlass: started"),
-        Some(cause) => {
-            append(b"windlass: restarted, cause");
-            for word in cause.words() {
-                append(b" ");
-                for shift in (0..8).rev() {
-                    append(&[b"0123456789abcdef"[(word >> (4 * shift)) as usize & 0xF]]);
-                }
-            }
-        }
-    }
-    append(b"\n");
-    if let Ok(mut console) = hio::hstdout() {
-        // Nobody may be listening.
-        let _ = console.write_all(&text);
-    }
-}
-
 /// Makes board and node. A function of its own, so that thread mode does not keep the large stack frame
 /// that this takes.
 #[inline(never)]
 fn build() -> (&'static mut Qemu, &'static mut Thread) {
-    let board = BOARD.init_with(Qemu::default);
-    board.kept.seed = SEED;
+    // The emulated chip has no reset flags: the record alone decides.
+    let board = BOARD.init_with(|| Qemu {
+        bus: SlcanBus::default(),
+        clock: Clock::default(),
+        kept: Kept::new(&RECORD, ResetCause::Unknown, SEED),
+    });
     let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
     (board, thread)

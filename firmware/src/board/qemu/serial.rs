@@ -96,6 +96,7 @@ fn crash(how: &[u8]) {
         b"crash panic" => panic!("asked for"),
         b"crash fault" => cortex_m::asm::udf(),
         b"crash interrupt" => chip::interrupt_without_handler(),
+        b"crash stack" => chip::overflow_stack(stack::end()),
         _ => {}
     }
 }

@@ -63,12 +63,6 @@ impl Can {
         CAN1.mcr().modify(|control| control.set_inrq(false));
         Self::default()
     }
-
-    /// Frames that were lost because nobody took them.
-    #[must_use]
-    pub fn dropped(&self) -> u32 {
-        DROPPED.load(Ordering::Relaxed)
-    }
 }
 
 /// One filter bank that lets everything into FIFO 0: any frame shows the node that there is a bus.
@@ -131,6 +125,10 @@ impl Bus for Can {
             identifier.set_txrq(true);
         });
     }
+
+    fn dropped(&self) -> u32 {
+        DROPPED.load(Ordering::Relaxed)
+    }
 }
 
 #[interrupt]
@@ -157,7 +155,7 @@ fn CAN1_RX0() {
 
 fn count_drop() {
     let dropped = DROPPED.load(Ordering::Relaxed);
-    DROPPED.store(dropped.saturating_add(1), Ordering::Relaxed);
+    DROPPED.store(dropped.wrapping_add(1), Ordering::Relaxed);
 }
 
 fn read_mailbox() -> Option<Frame> {

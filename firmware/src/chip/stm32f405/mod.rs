@@ -10,6 +10,7 @@ use stm32_metapac::gpio::vals::{Moder, Pupdr};
 use stm32_metapac::iwdg::vals::Key;
 use stm32_metapac::rcc::vals::{Pllm, Plln, Pllp, Pllq, Pllsrc, Ppre, Sw};
 use stm32_metapac::{FLASH, IWDG, Interrupt, RCC, TIM7};
+use windlass_core::reset::ResetCause;
 use windlass_core::time::TICK;
 
 /// Timer clock of TIM1 in MHz (7.2: twice PCLK2, which is HCLK / 2).
@@ -25,6 +26,30 @@ const PRIORITY_CAN: u8 = 0x80;
 /// Watchdog period: LSI / 4 counts 8000 per second (21.4.2), 17 to 47 kHz instead of 32 over all parts
 /// make 14 to 38 ms of these 20.
 const WATCHDOG_RELOAD: u16 = 160;
+
+/// Why the chip started, from its reset flags, which are cleared for the next time (7.3.21).
+///
+/// More than one flag can be set: every reset inside the chip pulls the reset pin too, and switching on
+/// sets the brown-out flag as well.
+pub fn take_reset_cause() -> ResetCause {
+    let flags = RCC.csr().read();
+    RCC.csr().modify(|csr| csr.set_rmvf(true));
+    if flags.porrstf() {
+        ResetCause::PowerOn
+    } else if flags.borrstf() {
+        ResetCause::BrownOut
+    } else if flags.wdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf() {
+        ResetCause::Requested
+    } else if flags.wwdgrstf() || flags.lpwrrstf() {
+        ResetCause::Other
+    } else if flags.padrstf() {
+        ResetCause::ResetPin
+    } else {
+        ResetCause::Unknown
+    }
+}
 
 /// Starts the watchdog first, so that a crystal that does not start ends in a reset, then the clocks: a
 /// crystal of `crystal_mhz`, 168 MHz for the core, 84 and 42 MHz for the peripherals (7.2, 7.3.2).

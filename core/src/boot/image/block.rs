@@ -1,0 +1,287 @@
+//! The two blocks that tell what an image is: [`InfoBlock`] in page 0 and [`Header`] at the end of page 30.
+
+use super::{ALL_PAGES, PAGE_SIZE, REQUIRED_PAGES};
+use crate::crc::Crc32;
+
+/// Offset of the information block in page 0: behind the longest vector table of the supported
+/// microcontrollers (STM32G474: 16 + 102 vectors, 472 bytes), at the alignment that `VTOR` asks for.
+pub const INFO_OFFSET: usize = 0x200;
+/// Bytes of the information block.
+pub const INFO_LENGTH: usize = 64;
+/// First bytes of the information block.
+pub const INFO_MAGIC: [u8; 4] = *b"WLAI";
+/// Its format.
+pub const INFO_FORMAT: u16 = 1;
+
+/// Bytes of the header.
+pub const HEADER_LENGTH: usize = 256;
+/// Offset of the header in page 30.
+pub const HEADER_OFFSET: usize = PAGE_SIZE - HEADER_LENGTH;
+/// First bytes of the header.
+pub const HEADER_MAGIC: [u8; 4] = *b"WLHD";
+/// Its format.
+pub const HEADER_FORMAT: u16 = 1;
+/// Bytes of the header that a signature covers directly, from its first byte on.
+pub const SIGNED_LENGTH: usize = 60;
+/// Bytes of an Ed25519 signature (RFC 8032).
+pub const SIGNATURE_LENGTH: usize = 64;
+/// What stands in the place of the signature of an image that has none.
+pub const UNSIGNED_SIGNATURE: [u8; SIGNATURE_LENGTH] = [0xFF; SIGNATURE_LENGTH];
+
+/// The version that means that there is no application (guide, `fwverApp`); no image may have it.
+pub const NO_VERSION: u16 = 0xFFFF;
+
+/// Offsets in the information block.
+pub(super) mod info_at {
+    pub(in super::super) const FORMAT: usize = 0x04;
+    pub(in super::super) const LENGTH: usize = 0x06;
+    pub(in super::super) const IDENTITY: usize = 0x08;
+    pub(in super::super) const CRC: usize = 0x3C;
+}
+
+/// Offsets in the header.
+pub(super) mod header_at {
+    pub(in super::super) const FORMAT: usize = 0x04;
+    pub(in super::super) const LENGTH: usize = 0x06;
+    pub(in super::super) const IDENTITY: usize = 0x08;
+    pub(in super::super) const PAGES: usize = 0x18;
+    pub(in super::super) const IMAGE_CRC: usize = 0x1C;
+    pub(in super::super) const HEADER_CRC: usize = 0x3C;
+    pub(in super::super) const SIGNATURE: usize = 0x40;
+    pub(in super::super) const VERSION: usize = 0xFC;
+}
+
+/// What an image is made for and which one it is: 16 bytes that information block and header share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Product id (`pdid`), see [`PRODUCT_DMC60C`](crate::node::PRODUCT_DMC60C).
+    pub product: u32,
+    /// Hardware id, see [`Hardware`](super::Hardware).
+    pub hardware: u32,
+    /// Application version, major and minor byte (`fwverApp`); never [`NO_VERSION`].
+    pub version: u16,
+    /// Anti-rollback counter: once a controller with a key has confirmed an image, it refuses images with a
+    /// smaller one.
+    pub rollback: u32,
+}
+
+impl Identity {
+    const fn to_bytes(self) -> [u8; 16] {
+        let [p0, p1, p2, p3] = self.product.to_le_bytes();
+        let [h0, h1, h2, h3] = self.hardware.to_le_bytes();
+        let [v0, v1] = self.version.to_le_bytes();
+        let [r0, r1, r2, r3] = self.rollback.to_le_bytes();
+        [
+            p0, p1, p2, p3, h0, h1, h2, h3, v0, v1, 0xFF, 0xFF, r0, r1, r2, r3,
+        ]
+    }
+
+    const fn from_bytes(
+        [p0, p1, p2, p3, h0, h1, h2, h3, v0, v1, _, _, r0, r1, r2, r3]: [u8; 16],
+    ) -> Self {
+        Self {
+            product: u32::from_le_bytes([p0, p1, p2, p3]),
+            hardware: u32::from_le_bytes([h0, h1, h2, h3]),
+            version: u16::from_le_bytes([v0, v1]),
+            rollback: u32::from_le_bytes([r0, r1, r2, r3]),
+        }
+    }
+}
+
+/// The block at [`INFO_OFFSET`] of page 0: the application tells what it is, so that an ELF or BIN file can
+/// be packed without further knowledge and the application knows its own version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InfoBlock {
+    /// Product, hardware, version and anti-rollback counter.
+    pub identity: Identity,
+}
+
+/// Why bytes are no information block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MalformedInfo {
+    /// They do not begin with [`INFO_MAGIC`], or there are too few.
+    Magic,
+    /// Another format or length.
+    Format,
+    /// The CRC is wrong.
+    Crc,
+}
+
+impl InfoBlock {
+    /// The block as an application places it; `const`, so that it can be a static.
+    #[must_use]
+    pub const fn to_bytes(self) -> [u8; INFO_LENGTH] {
+        let mut bytes = [0xFF; INFO_LENGTH];
+        put(&mut bytes, 0, &INFO_MAGIC);
+        put(&mut bytes, info_at::FORMAT, &INFO_FORMAT.to_le_bytes());
+        put(
+            &mut bytes,
+            info_at::LENGTH,
+            &(INFO_LENGTH as u16).to_le_bytes(),
+        );
+        put(&mut bytes, info_at::IDENTITY, &self.identity.to_bytes());
+        let crc = crc_of(&bytes, info_at::CRC);
+        put(&mut bytes, info_at::CRC, &crc.to_le_bytes());
+        bytes
+    }
+
+    /// Reads the block from its first 64 bytes.
+    ///
+    /// # Errors
+    /// See [`MalformedInfo`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, MalformedInfo> {
+        let bytes = bytes
+            .first_chunk::<INFO_LENGTH>()
+            .filter(|bytes| bytes.starts_with(&INFO_MAGIC))
+            .ok_or(MalformedInfo::Magic)?;
+        if half(bytes, info_at::FORMAT) != INFO_FORMAT
+            || usize::from(half(bytes, info_at::LENGTH)) != INFO_LENGTH
+        {
+            return Err(MalformedInfo::Format);
+        }
+        if word(bytes, info_at::CRC) != crc_of(bytes, info_at::CRC) {
+            return Err(MalformedInfo::Crc);
+        }
+        Ok(Self {
+            identity: Identity::from_bytes(take(bytes, info_at::IDENTITY)),
+        })
+    }
+}
+
+/// The last [`HEADER_LENGTH`] bytes of page 30.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// Product, hardware, version and anti-rollback counter.
+    pub identity: Identity,
+    /// Pages that belong to the image, bit 0 = page 0; every other page of the slot is erased.
+    pub pages: u32,
+    /// CRC over these pages, see [`ImageCrc`](super::ImageCrc).
+    pub image_crc: u32,
+    /// Ed25519 signature of [`signed_message`](super::signed_message), if there is one.
+    pub signature: Option<[u8; SIGNATURE_LENGTH]>,
+}
+
+/// Why bytes are no header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MalformedHeader {
+    /// They do not begin with [`HEADER_MAGIC`], or there are too few: no image of this project.
+    Magic,
+    /// Another format or length: made by a newer tool.
+    Format,
+    /// The header's CRC is wrong.
+    Crc,
+    /// The CRC is right, but the page bitmap lacks page 0 or 30 or has bits beyond, the version is
+    /// [`NO_VERSION`], or the last four bytes tell another version.
+    Content,
+}
+
+impl Header {
+    /// The header as it stands at [`HEADER_OFFSET`] of page 30.
+    #[must_use]
+    pub fn to_bytes(&self) -> [u8; HEADER_LENGTH] {
+        let mut bytes = [0xFF; HEADER_LENGTH];
+        put(&mut bytes, 0, &HEADER_MAGIC);
+        put(&mut bytes, header_at::FORMAT, &HEADER_FORMAT.to_le_bytes());
+        put(
+            &mut bytes,
+            header_at::LENGTH,
+            &(HEADER_LENGTH as u16).to_le_bytes(),
+        );
+        put(&mut bytes, header_at::IDENTITY, &self.identity.to_bytes());
+        put(&mut bytes, header_at::PAGES, &self.pages.to_le_bytes());
+        put(
+            &mut bytes,
+            header_at::IMAGE_CRC,
+            &self.image_crc.to_le_bytes(),
+        );
+        if let Some(signature) = &self.signature {
+            put(&mut bytes, header_at::SIGNATURE, signature);
+        }
+        put(&mut bytes, header_at::VERSION, &self.version_word());
+        let crc = crc_of(&bytes, header_at::HEADER_CRC);
+        put(&mut bytes, header_at::HEADER_CRC, &crc.to_le_bytes());
+        bytes
+    }
+
+    /// Reads the header from its 256 bytes.
+    ///
+    /// # Errors
+    /// See [`MalformedHeader`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, MalformedHeader> {
+        let bytes = bytes
+            .first_chunk::<HEADER_LENGTH>()
+            .filter(|bytes| bytes.starts_with(&HEADER_MAGIC))
+            .ok_or(MalformedHeader::Magic)?;
+        if half(bytes, header_at::FORMAT) != HEADER_FORMAT
+            || usize::from(half(bytes, header_at::LENGTH)) != HEADER_LENGTH
+        {
+            return Err(MalformedHeader::Format);
+        }
+        if word(bytes, header_at::HEADER_CRC) != crc_of(bytes, header_at::HEADER_CRC) {
+            return Err(MalformedHeader::Crc);
+        }
+        let signature: [u8; SIGNATURE_LENGTH] = take(bytes, header_at::SIGNATURE);
+        let header = Self {
+            identity: Identity::from_bytes(take(bytes, header_at::IDENTITY)),
+            pages: word(bytes, header_at::PAGES),
+            image_crc: word(bytes, header_at::IMAGE_CRC),
+            signature: (signature != UNSIGNED_SIGNATURE).then_some(signature),
+        };
+        let sound = header.pages & REQUIRED_PAGES == REQUIRED_PAGES
+            && header.pages & !ALL_PAGES == 0
+            && header.identity.version != NO_VERSION
+            && take(bytes, header_at::VERSION) == header.version_word();
+        if sound {
+            Ok(header)
+        } else {
+            Err(MalformedHeader::Content)
+        }
+    }
+
+    /// The last four bytes of page 30, where the guide puts the application's version: one instruction of
+    /// 24 bits with its padding of 0xFF.
+    const fn version_word(&self) -> [u8; 4] {
+        let [low, high] = self.identity.version.to_le_bytes();
+        [low, high, 0x00, 0xFF]
+    }
+}
+
+/// CRC-32/ISO-HDLC of a block with the four bytes at `hole` taken as 0xFF. In a block that ends with the
+/// hole (the information block) these four bytes are not taken at all.
+// The index is bounded by the loop.
+#[allow(clippy::indexing_slicing)]
+const fn crc_of<const N: usize>(bytes: &[u8; N], hole: usize) -> u32 {
+    let mut crc = Crc32::new();
+    let end = if hole + 4 == N { hole } else { N };
+    let mut at = 0;
+    while at < end && at < N {
+        let in_hole = at >= hole && at < hole + 4;
+        crc.push(if in_hole { 0xFF } else { bytes[at] });
+        at += 1;
+    }
+    crc.finish()
+}
+
+/// Copies `from` into `to` at `at`; what would stand beyond the end is dropped.
+// The indices are bounded by the loop.
+#[allow(clippy::indexing_slicing)]
+const fn put<const N: usize, const M: usize>(to: &mut [u8; N], at: usize, from: &[u8; M]) {
+    let mut index = 0;
+    while index < M && at + index < N {
+        to[at + index] = from[index];
+        index += 1;
+    }
+}
+
+/// `M` bytes from `at` on; bytes beyond the end read as 0xFF, like erased flash.
+fn take<const M: usize>(bytes: &[u8], at: usize) -> [u8; M] {
+    core::array::from_fn(|index| bytes.get(at + index).copied().unwrap_or(0xFF))
+}
+
+fn word(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(take(bytes, at))
+}
+
+fn half(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes(take(bytes, at))
+}

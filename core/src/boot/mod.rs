@@ -1,0 +1,7 @@
+//! Starting and replacing the application: the image format, what a slot of flash holds, the decision of
+//! the bootloader, and the page protocol of an update.
+//!
+//! See docs/updates.md for what is guaranteed and docs/image-format.md for every byte.
+
+pub mod image;
+pub mod status;
