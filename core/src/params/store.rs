@@ -119,6 +119,13 @@ impl FaultLog {
         changed
     }
 
+    /// Makes faults sticky without counting them; true if one of them was not.
+    pub fn keep(&mut self, faults: Faults) -> bool {
+        let before = self.sticky;
+        self.sticky = before.union(faults);
+        self.sticky != before
+    }
+
     /// Records one fault that is not the engine's.
     pub fn record(&mut self, fault: Fault) {
         self.sticky = self.sticky.with(fault);

@@ -50,18 +50,20 @@ fn TIM7() {
 fn sample() -> Sample {
     let [current, bus_voltage, temperature, analog_in] = sensors::conversions();
     let (index_rising, index_falling) = sensors::index();
+    let encoder_a = chip::is_high(GPIOA, 0);
     Sample {
         encoder: sensors::counter(),
         pins: Pins {
             forward_limit: chip::is_high(GPIOC, FORWARD_LIMIT),
             reverse_limit: chip::is_high(GPIOC, REVERSE_LIMIT),
-            encoder_a: chip::is_high(GPIOA, 0),
+            encoder_a,
             encoder_b: chip::is_high(GPIOA, 1),
             encoder_index: chip::is_high(GPIOA, 2),
             gate_driver_fault: bridge::fault(),
         },
         index_rising,
         index_falling,
+        encoder_a_rises: sensors::a_rises(encoder_a),
         current,
         bus_voltage,
         temperature,

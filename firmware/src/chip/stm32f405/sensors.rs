@@ -130,6 +130,19 @@ pub fn counter() -> u32 {
     TIM2.cnt().read()
 }
 
+/// Level of QEA at the last tick in bit 0, its rising edges above.
+static ENCODER_A: AtomicU32 = AtomicU32::new(1);
+
+/// Rising edges of QEA, wrapping; to be called once a tick with the pin's level. The timer counts quadrature
+/// and no single channel, so a pulse that is shorter than a tick is missed: good for 1000 edges a second.
+#[must_use]
+pub fn a_rises(level: bool) -> u16 {
+    let before = ENCODER_A.load(Ordering::Relaxed);
+    let rises = (before >> 1).wrapping_add(u32::from(level && before & 1 == 0));
+    ENCODER_A.store(rises << 1 | u32::from(level), Ordering::Relaxed);
+    rises as u16
+}
+
 /// Rising and falling edges of the index.
 #[must_use]
 pub fn index() -> (IndexCapture, IndexCapture) {

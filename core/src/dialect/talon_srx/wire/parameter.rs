@@ -192,9 +192,9 @@ parameters! {
     Temperature = 85, Signed10Q22, ReadOnly;
     /// Battery voltage, V.
     Battery = 86, Signed10Q22, ReadOnly;
-    /// Resets since the first power-on.
+    /// Restarts since power-on.
     ResetCount = 87, Integer, ReadOnly;
-    /// Cause of the last reset.
+    /// Code of the cause of the last reset (ours; none is published).
     ResetFlags = 88, Integer, ReadOnly;
     /// Firmware version, major byte and minor byte.
     FirmwareVersion = 89, Integer, ReadOnly;
