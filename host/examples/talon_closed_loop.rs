@@ -11,7 +11,7 @@ use windlass::transport::SimBus;
 use windlass_core::dialect::talon_srx::wire::FeedbackDevice;
 
 /// Runs the example in virtual time.
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let robot = Robot::new(SimBus::with_nodes(&["talon:0".parse()?]));
     let motor = robot.talon(0)?;
     robot.enable()?;
@@ -41,7 +41,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     motor.set(15_000.0)?;
     robot.run(Duration::from_secs(2))?;
     let speed = motor.speed().fresh()?;
-    println!("velocity {speed} counts per 100 ms, error {}", motor.closed_loop_error().fresh()?);
+    println!(
+        "velocity {speed} counts per 100 ms, error {}",
+        motor.closed_loop_error().fresh()?
+    );
     if speed.abs_diff(15_000) > 450 {
         return Err("the velocity is not reached".into());
     }
@@ -56,7 +59,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     motor.set(3.0 * 4096.0)?;
     robot.run(Duration::from_secs(4))?;
     let position = motor.position().fresh()?;
-    println!("position {position} counts, error {}", motor.closed_loop_error().fresh()?);
+    println!(
+        "position {position} counts, error {}",
+        motor.closed_loop_error().fresh()?
+    );
     if position.abs_diff(3 * 4096) > 20 {
         return Err("the position is not reached".into());
     }

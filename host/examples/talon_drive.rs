@@ -9,7 +9,7 @@ use windlass::client::talon::Robot;
 use windlass::transport::SimBus;
 
 /// Runs the example in virtual time.
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let robot = Robot::new(SimBus::with_nodes(&["talon:0".parse()?]));
     let custom_motor = robot.talon(0)?;
     robot.enable()?;
@@ -18,7 +18,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         let left_axis = f64::from(step) / 100.0;
         custom_motor.set(left_axis)?;
         robot.run(Duration::from_millis(20))?;
-        if step % 25 == 0 {
+        if step % 25 == 24 {
             println!("currentAmps: {:.3}", custom_motor.output_current().fresh()?);
             println!("outputV: {:.2}", custom_motor.output_voltage().fresh()?);
             println!("busV: {:.2}", custom_motor.bus_voltage().fresh()?);
@@ -28,7 +28,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
             println!("analogVelocity: {}", custom_motor.analog_in_vel().fresh()?);
             println!("selectedSensorPos: {}", custom_motor.position().fresh()?);
             println!("selectedSensorSpeed: {}", custom_motor.speed().fresh()?);
-            println!("closeLoopErr: {}\n", custom_motor.closed_loop_error().fresh()?);
+            println!(
+                "closeLoopErr: {}\n",
+                custom_motor.closed_loop_error().fresh()?
+            );
         }
     }
     robot.run(Duration::from_millis(500))?;

@@ -10,7 +10,7 @@ use windlass::transport::SimBus;
 use windlass_sim::Poke;
 
 /// Runs the example in virtual time.
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let nodes = ["talon:2".parse()?, "talon:3".parse()?];
     let robot = Robot::new(SimBus::with_nodes(&nodes));
     let (master, slave) = (robot.talon(2)?, robot.talon(3)?);
@@ -24,10 +24,16 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let mut seen = Vec::new();
     for _ in 0..6 {
         robot.run(Duration::from_millis(250))?;
-        seen.push((master.applied_throttle().fresh()?, slave.applied_throttle().fresh()?));
+        seen.push((
+            master.applied_throttle().fresh()?,
+            slave.applied_throttle().fresh()?,
+        ));
     }
     println!("master and slave every 250 ms: {seen:?}");
-    if seen.iter().any(|(master, slave)| (master + slave).abs() > 10) {
+    if seen
+        .iter()
+        .any(|(master, slave)| (master + slave).abs() > 10)
+    {
         return Err("the slave does not mirror the master".into());
     }
     if seen.last() != Some(&(511, -511)) || seen.first().is_none_or(|first| first.0 > 150) {
@@ -35,7 +41,9 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     }
     robot.lend(|client| {
         let world = client.bus().world();
-        world.node_mut(0).map(|node| node.poke(Poke::Powered(false)))
+        world
+            .node_mut(0)
+            .map(|node| node.poke(Poke::Powered(false)))
     });
     robot.run(Duration::from_millis(150))?;
     let left = slave.applied_throttle().fresh()?;

@@ -18,13 +18,15 @@ fn report(motor: &CanTalon<SimBus>, what: &str) -> Result<i16, Box<dyn Error>> {
 }
 
 /// Runs the example in virtual time.
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let robot = Robot::new(SimBus::with_nodes(&["talon:0".parse()?]));
     let motor = robot.talon(0)?;
     let close = |closed| {
         robot.lend(|client| {
             let world = client.bus().world();
-            world.node_mut(0).map(|node| node.poke(Poke::ForwardLimitClosed(closed)))
+            world
+                .node_mut(0)
+                .map(|node| node.poke(Poke::ForwardLimitClosed(closed)))
         })
     };
     robot.enable()?;

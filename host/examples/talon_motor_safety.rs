@@ -38,7 +38,7 @@ fn teleop_periodic(
 }
 
 /// Runs the example in virtual time.
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let nodes = ["talon:2".parse()?, "talon:7".parse()?];
     let robot = Robot::new(SimBus::with_nodes(&nodes));
     // It does not matter if twenty are really wired or not.

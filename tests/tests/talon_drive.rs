@@ -25,18 +25,30 @@ fn row_20_a_control_frame_drives_the_device_with_its_number_only() {
     bench.robot.enable().unwrap();
     talon.set(0.5).unwrap();
     bench.run(200);
-    assert_eq!((bench.throttle(0), bench.throttle(1), bench.throttle(2)), (511, 0, 0));
+    assert_eq!(
+        (bench.throttle(0), bench.throttle(1), bench.throttle(2)),
+        (511, 0, 0)
+    );
     assert_eq!(talon.applied_throttle().fresh().unwrap(), 511);
 }
 
 #[test]
 fn row_87_throttle_reaches_1023_both_ways_and_0_is_neutral() {
     let (bench, talon) = TalonBench::enabled();
-    for (value, throttle) in [(1.0, 1023), (-1.0, -1023), (0.25, 255), (-0.001, -1), (0.0, 0)] {
+    for (value, throttle) in [
+        (1.0, 1023),
+        (-1.0, -1023),
+        (0.25, 255),
+        (-0.001, -1),
+        (0.0, 0),
+    ] {
         talon.set(value).unwrap();
         bench.run(50);
         assert_eq!(bench.throttle(0), throttle);
-        assert_eq!(i32::from(talon.applied_throttle().fresh().unwrap()), throttle);
+        assert_eq!(
+            i32::from(talon.applied_throttle().fresh().unwrap()),
+            throttle
+        );
     }
 }
 
@@ -164,7 +176,10 @@ fn row_73_mode_15_is_neutral_and_a_new_mode_waits_for_a_set() {
     assert_eq!(talon.mode().fresh().unwrap(), ModeSelect::NoDrive);
     let report = talon.self_test().unwrap();
     assert!(report.to_string().contains("No Drive"));
-    for (neutral, truth) in [(NeutralMode::Coast, Neutral::Coast), (NeutralMode::Brake, Neutral::Brake)] {
+    for (neutral, truth) in [
+        (NeutralMode::Coast, Neutral::Coast),
+        (NeutralMode::Brake, Neutral::Brake),
+    ] {
         talon.config_neutral_mode(neutral).unwrap();
         bench.run(5);
         assert_eq!(bench.truth(0).neutral, truth);
@@ -275,7 +290,10 @@ fn row_45_followers_mirror_their_master_in_chains_and_any_mode() {
     master.set(10_000.0).unwrap();
     bench.run(1000);
     let seen = [0, 1, 2].map(|index| bench.throttle(index));
-    assert!(seen[0] > 200 && seen.iter().all(|throttle| throttle.abs_diff(seen[0]) < 10), "{seen:?}");
+    assert!(
+        seen[0] > 200 && seen.iter().all(|throttle| throttle.abs_diff(seen[0]) < 10),
+        "{seen:?}"
+    );
     // Its own limit switch still counts.
     bench.poke(1, Poke::ForwardLimitClosed(true));
     bench.run(40);
@@ -333,7 +351,13 @@ fn row_97_what_firmware_1_1_does_not_support_is_neutral_and_mirrored() {
         assert_eq!(bench.throttle(0), 700);
         let mode = ModeSelect::from_code(code);
         for _ in 0..5 {
-            bench.control(3, General { mode, ..duty(0x5000) });
+            bench.control(
+                3,
+                General {
+                    mode,
+                    ..duty(0x5000)
+                },
+            );
             bench.run(9);
         }
         assert_eq!(bench.throttle(0), 0, "mode {code}");
@@ -343,7 +367,9 @@ fn row_97_what_firmware_1_1_does_not_support_is_neutral_and_mirrored() {
     for code in [1, 5, 6, 7, 8, 15] {
         let (bench, talon) = TalonBench::enabled();
         talon.set_f(1.0).unwrap();
-        talon.set_feedback_device(FeedbackDevice::from_code(code)).unwrap();
+        talon
+            .set_feedback_device(FeedbackDevice::from_code(code))
+            .unwrap();
         talon.set_control_mode(ControlMode::Speed).unwrap();
         talon.set(500.0).unwrap();
         bench.run(50);
@@ -370,10 +396,16 @@ fn row_56_one_control_frame_after_a_reset_restores_the_drive() {
     bench.world(|world| world.power_cycle(0));
     bench.run(2_000);
     let truth = bench.truth(0);
-    assert!((truth.velocity_counts_per_100ms - before.0).abs() < 200.0, "{before:?} {truth:?}");
+    assert!(
+        (truth.velocity_counts_per_100ms - before.0).abs() < 200.0,
+        "{before:?} {truth:?}"
+    );
     assert_eq!(truth.neutral, Neutral::Coast);
     let status = talon.status();
-    let (general, feedback) = (status.general.unwrap().value, status.feedback.unwrap().value);
+    let (general, feedback) = (
+        status.general.unwrap().value,
+        status.feedback.unwrap().value,
+    );
     assert_eq!(general.mode, ModeSelect::Velocity);
     assert!(feedback.slot_1);
 }
@@ -399,7 +431,10 @@ fn row_96_one_frame_carries_the_nine_items_of_the_manual() {
     bench.run(50);
     let talon = bench.talon(3);
     let status = talon.status();
-    let (shown, feedback) = (status.general.unwrap().value, status.feedback.unwrap().value);
+    let (shown, feedback) = (
+        status.general.unwrap().value,
+        status.feedback.unwrap().value,
+    );
     assert_eq!(
         (shown.feedback, shown.limits, shown.mode),
         (general.feedback, general.limits, general.mode)
@@ -429,13 +464,19 @@ fn row_82_1_ms_control_adds_about_15_percent_of_the_bus() {
     };
     let (slow, fast) = (load(95), load(1));
     let added = fast - slow;
-    assert!((13.1..=16.0).contains(&added), "1 ms control adds {added:.1} %");
+    println!("1 ms control adds {added:.1} %");
+    assert!(
+        (13.1..=16.0).contains(&added),
+        "1 ms control adds {added:.1} %"
+    );
 }
 
 #[test]
 fn row_95_a_fast_general_status_shows_the_ramp_step_by_step() {
     let (bench, talon) = TalonBench::enabled();
-    talon.set_status_frame_rate_ms(StatusFrame::General, 1).unwrap();
+    talon
+        .set_status_frame_rate_ms(StatusFrame::General, 1)
+        .unwrap();
     talon.set_ramp_steps(10).unwrap();
     talon.set(0.2).unwrap();
     let from = bench.next_frame();

@@ -52,11 +52,28 @@ fn row_23_the_truth_table_of_the_manual_holds_in_every_combination() {
         1 => closed,
         _ => true,
     };
-    for (forward_mode, reverse_mode) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2), (2, 2), (1, 2)] {
+    for (forward_mode, reverse_mode) in [
+        (0, 0),
+        (0, 1),
+        (1, 0),
+        (1, 1),
+        (2, 0),
+        (0, 2),
+        (2, 2),
+        (1, 2),
+    ] {
         let (bench, talon) = TalonBench::enabled();
         let modes = [
-            (Parameter::OnBootForwardNormallyClosed, Parameter::OnBootForwardDisable, forward_mode),
-            (Parameter::OnBootReverseNormallyClosed, Parameter::OnBootReverseDisable, reverse_mode),
+            (
+                Parameter::OnBootForwardNormallyClosed,
+                Parameter::OnBootForwardDisable,
+                forward_mode,
+            ),
+            (
+                Parameter::OnBootReverseNormallyClosed,
+                Parameter::OnBootReverseDisable,
+                reverse_mode,
+            ),
         ];
         for (closed, disabled, mode) in modes {
             talon.set_parameter(closed, u32::from(mode == 1)).unwrap();
@@ -90,12 +107,23 @@ fn row_30_row_32_the_brake_override_wins_over_the_stored_mode_and_leaves_it_alon
         for (mode, expected) in [
             (NeutralMode::Coast, Neutral::Coast),
             (NeutralMode::Brake, Neutral::Brake),
-            (NeutralMode::Jumper, if stored == 1 { Neutral::Brake } else { Neutral::Coast }),
+            (
+                NeutralMode::Jumper,
+                if stored == 1 {
+                    Neutral::Brake
+                } else {
+                    Neutral::Coast
+                },
+            ),
         ] {
             talon.config_neutral_mode(mode).unwrap();
             // A change of the stored mode disables for a moment.
             bench.run(150);
-            assert_eq!(bench.truth(0).neutral, expected, "{mode:?}, stored {stored}");
+            assert_eq!(
+                bench.truth(0).neutral,
+                expected,
+                "{mode:?}, stored {stored}"
+            );
             let shown = talon.brake_enable_during_neutral().fresh().unwrap();
             assert_eq!(shown, expected == Neutral::Brake);
             assert_eq!(talon.parameter(Parameter::OnBootBrake).unwrap(), stored);
@@ -130,9 +158,21 @@ fn row_31_row_32_limit_overrides_act_per_direction_without_stopping_the_drive() 
         talon.enable_limit_switch(forward, reverse).unwrap();
         assert_eq!(drives(&bench, &talon), (!forward, !reverse));
         let text = talon.self_test().unwrap().to_string();
-        let word = |on: bool| if on { "closed, forced ON" } else { "closed, forced OFF" };
-        assert!(text.contains(&format!("Fwd. limit switch     {}", word(forward))), "{text}");
-        assert!(text.contains(&format!("Rev. limit switch     {}", word(reverse))), "{text}");
+        let word = |on: bool| {
+            if on {
+                "closed, forced ON"
+            } else {
+                "closed, forced OFF"
+            }
+        };
+        assert!(
+            text.contains(&format!("Fwd. limit switch     {}", word(forward))),
+            "{text}"
+        );
+        assert!(
+            text.contains(&format!("Rev. limit switch     {}", word(reverse))),
+            "{text}"
+        );
     }
     // Switching the feature on and off never interrupts a drive that no switch blocks.
     switches(&bench, false, false);
@@ -196,7 +236,12 @@ fn row_33_normally_closed_is_kept_over_a_power_cycle() {
     bench.run(16_000);
     bench.world(|world| world.power_cycle(0));
     bench.run(300);
-    assert_eq!(talon.parameter(Parameter::OnBootForwardNormallyClosed).unwrap(), 1);
+    assert_eq!(
+        talon
+            .parameter(Parameter::OnBootForwardNormallyClosed)
+            .unwrap(),
+        1
+    );
     assert_eq!(drives(&bench, &talon), (false, true));
 }
 
@@ -217,7 +262,10 @@ fn row_81_a_closed_switch_that_is_forced_off_shows_its_pin_and_no_fault() {
     talon.enable_limit_switch(true, true).unwrap();
     talon.set(0.0).unwrap();
     bench.run(50);
-    assert_eq!(talon.faults().fresh().unwrap().0, fault::FORWARD_LIMIT_SWITCH);
+    assert_eq!(
+        talon.faults().fresh().unwrap().0,
+        fault::FORWARD_LIMIT_SWITCH
+    );
     assert!(!talon.forward_limit_ok().fresh().unwrap());
     assert!(talon.reverse_limit_ok().fresh().unwrap());
 }
@@ -225,7 +273,9 @@ fn row_81_a_closed_switch_that_is_forced_off_shows_its_pin_and_no_fault() {
 #[test]
 fn row_43_soft_limits_block_beyond_the_threshold_only_and_leave_the_other_way_free() {
     let (bench, talon) = TalonBench::enabled();
-    talon.set_feedback_device(FeedbackDevice::Quadrature).unwrap();
+    talon
+        .set_feedback_device(FeedbackDevice::Quadrature)
+        .unwrap();
     bench.run(30);
     for (position, allowed) in [
         (1000, (true, true)),
@@ -247,7 +297,11 @@ fn row_43_soft_limits_block_beyond_the_threshold_only_and_leave_the_other_way_fr
         assert_eq!(drives(&bench, &talon), allowed, "at {position}");
         // Each has its own enable.
         talon.enable_forward_soft_limit(false).unwrap();
-        assert_eq!(drives(&bench, &talon), (true, allowed.1), "forward off at {position}");
+        assert_eq!(
+            drives(&bench, &talon),
+            (true, allowed.1),
+            "forward off at {position}"
+        );
         talon.enable_reverse_soft_limit(false).unwrap();
         assert_eq!(drives(&bench, &talon), (true, true));
     }
@@ -257,7 +311,9 @@ fn row_43_soft_limits_block_beyond_the_threshold_only_and_leave_the_other_way_fr
 fn row_43_a_soft_limit_ends_a_drive_where_it_stands() {
     let (bench, talon) = TalonBench::enabled();
     talon.set_forward_soft_limit(20_000).unwrap();
-    talon.config_limit_mode(LimitMode::SoftPositionLimits).unwrap();
+    talon
+        .config_limit_mode(LimitMode::SoftPositionLimits)
+        .unwrap();
     talon.set_reverse_soft_limit(-20_000).unwrap();
     talon.set(0.3).unwrap();
     bench.run(3000);
@@ -268,12 +324,19 @@ fn row_43_a_soft_limit_ends_a_drive_where_it_stands() {
     talon.set(-0.3).unwrap();
     bench.run(1000);
     assert!(talon.position().fresh().unwrap() < position);
-    talon.config_limit_mode(LimitMode::SwitchInputsOnly).unwrap();
+    talon
+        .config_limit_mode(LimitMode::SwitchInputsOnly)
+        .unwrap();
     assert_eq!(talon.parameter(Parameter::ForwardSoftEnable).unwrap(), 0);
-    talon.config_limit_mode(LimitMode::DisableSwitchInputs).unwrap();
+    talon
+        .config_limit_mode(LimitMode::DisableSwitchInputs)
+        .unwrap();
     bench.run(20);
     let limits = talon.status().general.unwrap().value.limits;
-    let off = LimitOverride::Forced { forward: false, reverse: false };
+    let off = LimitOverride::Forced {
+        forward: false,
+        reverse: false,
+    };
     assert_eq!(limits, off);
 }
 
@@ -301,7 +364,9 @@ fn row_44_soft_limit_settings_read_back_and_survive_a_power_cycle() {
 fn row_43_soft_limits_follow_the_selected_and_reversed_sensor() {
     let (bench, talon) = TalonBench::enabled();
     bench.poke(0, Poke::AnalogVolts(Some(2.0)));
-    talon.set_feedback_device(FeedbackDevice::AnalogPotentiometer).unwrap();
+    talon
+        .set_feedback_device(FeedbackDevice::AnalogPotentiometer)
+        .unwrap();
     talon.set_forward_soft_limit(500).unwrap();
     talon.enable_forward_soft_limit(true).unwrap();
     talon.set_reverse_soft_limit(-500).unwrap();
@@ -311,7 +376,9 @@ fn row_43_soft_limits_follow_the_selected_and_reversed_sensor() {
     talon.set_sensor_direction(true).unwrap();
     bench.run(30);
     assert_eq!(drives(&bench, &talon), (true, false));
-    talon.set_feedback_device(FeedbackDevice::Quadrature).unwrap();
+    talon
+        .set_feedback_device(FeedbackDevice::Quadrature)
+        .unwrap();
     bench.poke(0, Poke::Stall(true));
     bench.run(300);
     talon.set_position(0).unwrap();

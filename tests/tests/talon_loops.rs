@@ -9,7 +9,9 @@ use windlass_tests::talon::{POSITION, Talon, TalonBench, VELOCITY};
 fn locked() -> (TalonBench, Talon) {
     let (bench, talon) = TalonBench::enabled();
     bench.poke(0, Poke::Stall(true));
-    talon.set_status_frame_rate_ms(StatusFrame::General, 1).unwrap();
+    talon
+        .set_status_frame_rate_ms(StatusFrame::General, 1)
+        .unwrap();
     talon.set_position(0).unwrap();
     bench.run(30);
     (bench, talon)
@@ -39,7 +41,10 @@ fn row_47_velocity_and_position_loops_reach_their_targets_on_the_plant() {
         let error = (truth - f64::from(target)).abs();
         assert!(error < f64::from(target).abs() * 0.03, "{target}: {truth}");
         let shown = talon.closed_loop_error().fresh().unwrap();
-        assert!(f64::from(shown).abs() < f64::from(target).abs() * 0.04, "{shown}");
+        assert!(
+            f64::from(shown).abs() < f64::from(target).abs() * 0.04,
+            "{shown}"
+        );
     }
     for turns in [1, -3] {
         let target = talon.position().value + turns * 4096;
@@ -69,7 +74,16 @@ fn row_92_gains_are_throttle_per_unit_of_error_and_of_the_target() {
         (0.0, 0.0002, 2000.0, 0),
         (1023.0, 0.0, 100_000.0, 1023),
     ] {
-        start(&bench, &talon, &Profile { p, f, ..Profile::default() }, target);
+        start(
+            &bench,
+            &talon,
+            &Profile {
+                p,
+                f,
+                ..Profile::default()
+            },
+            target,
+        );
         bench.run(20);
         assert_eq!(bench.throttle(0), throttle, "P {p} F {f} target {target}");
     }
@@ -78,14 +92,25 @@ fn row_92_gains_are_throttle_per_unit_of_error_and_of_the_target() {
 #[test]
 fn row_90_the_accumulator_adds_the_error_every_millisecond() {
     let (bench, talon) = locked();
-    start(&bench, &talon, &Profile { i: 0.001, ..Profile::default() }, 10.0);
+    start(
+        &bench,
+        &talon,
+        &Profile {
+            i: 0.001,
+            ..Profile::default()
+        },
+        10.0,
+    );
     bench.run(500);
     let first = talon.iaccum().unwrap();
     let before = bench.robot.now();
     bench.run(1000);
     let second = talon.iaccum().unwrap();
     let millis = (bench.robot.now() - before).as_millis() as i32;
-    assert!((second - first).abs_diff(10 * millis) <= 20, "{first} {second} in {millis} ms");
+    assert!(
+        (second - first).abs_diff(10 * millis) <= 20,
+        "{first} {second} in {millis} ms"
+    );
     // I 0.001 per accumulated unit, truncated.
     let throttle = bench.throttle(0);
     assert!(throttle.abs_diff(second / 1000) <= 1, "{throttle} {second}");
@@ -94,7 +119,15 @@ fn row_90_the_accumulator_adds_the_error_every_millisecond() {
 #[test]
 fn row_58_clearing_the_accumulator_acts_at_once() {
     let (bench, talon) = locked();
-    start(&bench, &talon, &Profile { i: 1.0, ..Profile::default() }, 1.0);
+    start(
+        &bench,
+        &talon,
+        &Profile {
+            i: 1.0,
+            ..Profile::default()
+        },
+        1.0,
+    );
     bench.run(500);
     assert!(bench.throttle(0) > 400);
     talon.clear_iaccum().unwrap();
@@ -114,29 +147,56 @@ fn row_89_the_i_zone_clears_the_accumulator_at_its_edge_and_0_is_off() {
         (200, -200.0, false),
         (0, 100_000.0, true),
     ] {
-        let profile = Profile { i: 0.0001, i_zone, ..Profile::default() };
+        let profile = Profile {
+            i: 0.0001,
+            i_zone,
+            ..Profile::default()
+        };
         start(&bench, &talon, &profile, target);
         bench.run(200);
         let sum = talon.iaccum().unwrap();
-        assert_eq!(sum != 0, accumulates, "zone {i_zone}, error {target}: {sum}");
+        assert_eq!(
+            sum != 0,
+            accumulates,
+            "zone {i_zone}, error {target}: {sum}"
+        );
     }
 }
 
 #[test]
 fn row_88_the_closed_loop_ramp_moves_the_output_by_throttle_per_millisecond() {
     let (bench, talon) = locked();
-    let profile = Profile { p: 100.0, close_loop_ramp_rate: 12.0, ..Profile::default() };
+    let profile = Profile {
+        p: 100.0,
+        close_loop_ramp_rate: 12.0,
+        ..Profile::default()
+    };
     start(&bench, &talon, &profile, 1000.0);
     assert_eq!(talon.parameter(Parameter::Slot0Ramp).unwrap(), 1);
     let from = bench.next_frame();
     bench.run(1200);
-    let seen: Vec<i16> = bench.general(from, 3).iter().map(|status| status.throttle).collect();
+    let seen: Vec<i16> = bench
+        .general(from, 3)
+        .iter()
+        .map(|status| status.throttle)
+        .collect();
     let steps = seen.windows(2).map(|pair| pair[1] - pair[0]);
-    assert!(steps.into_iter().all(|step| (0..=3).contains(&step)), "{seen:?}");
+    assert!(
+        steps.into_iter().all(|step| (0..=3).contains(&step)),
+        "{seen:?}"
+    );
     let full = seen.iter().position(|throttle| *throttle == 1023).unwrap();
     assert!((990..=1035).contains(&full), "full after {full} ms");
     // The other profile has none, and the duty cycle never has.
-    talon.set_profile(1, &Profile { p: 100.0, ..Profile::default() }).unwrap();
+    talon
+        .set_profile(
+            1,
+            &Profile {
+                p: 100.0,
+                ..Profile::default()
+            },
+        )
+        .unwrap();
     talon.set(-1000.0).unwrap();
     bench.run(3);
     assert_eq!(bench.throttle(0), -1023);
@@ -159,7 +219,14 @@ fn row_48_both_profiles_read_back_and_survive_a_power_cycle() {
         i_zone: 200,
         close_loop_ramp_rate: 256.0 * 12_000.0 / 1023.0 + 0.1,
     };
-    let one = Profile { p: 0.1, i: 0.001, d: 1.0, f: 0.0001, i_zone: 100, close_loop_ramp_rate: 0.0 };
+    let one = Profile {
+        p: 0.1,
+        i: 0.001,
+        d: 1.0,
+        f: 0.0001,
+        i_zone: 100,
+        close_loop_ramp_rate: 0.0,
+    };
     talon.set_profile(0, &zero).unwrap();
     talon.set_profile(1, &one).unwrap();
     bench.run(16_000);
@@ -186,8 +253,24 @@ fn row_48_both_profiles_read_back_and_survive_a_power_cycle() {
 #[test]
 fn row_49_the_slot_bit_switches_gains_at_the_next_tick_in_any_loop() {
     let (bench, talon) = locked();
-    talon.set_profile(0, &Profile { p: 1.0, ..Profile::default() }).unwrap();
-    talon.set_profile(1, &Profile { p: 5.0, ..Profile::default() }).unwrap();
+    talon
+        .set_profile(
+            0,
+            &Profile {
+                p: 1.0,
+                ..Profile::default()
+            },
+        )
+        .unwrap();
+    talon
+        .set_profile(
+            1,
+            &Profile {
+                p: 5.0,
+                ..Profile::default()
+            },
+        )
+        .unwrap();
     for mode in [ControlMode::Position, ControlMode::Speed] {
         talon.set_control_mode(mode).unwrap();
         talon.select_profile_slot(0).unwrap();
@@ -207,7 +290,15 @@ fn row_49_the_slot_bit_switches_gains_at_the_next_tick_in_any_loop() {
 #[test]
 fn row_50_a_changed_gain_acts_at_the_next_millisecond_before_it_is_saved() {
     let (bench, talon) = locked();
-    start(&bench, &talon, &Profile { p: 1.0, ..Profile::default() }, 100.0);
+    start(
+        &bench,
+        &talon,
+        &Profile {
+            p: 1.0,
+            ..Profile::default()
+        },
+        100.0,
+    );
     bench.run(30);
     let writes = bench.truth(0).flash_writes;
     for p in [2.0, 3.0, 4.0, 5.0] {
@@ -237,7 +328,15 @@ fn row_91_the_error_is_target_minus_measured_value() {
 #[test]
 fn row_57_error_throttle_slot_and_sensor_show_in_the_self_test() {
     let (bench, talon) = locked();
-    talon.set_profile(1, &Profile { p: 2.0, ..Profile::default() }).unwrap();
+    talon
+        .set_profile(
+            1,
+            &Profile {
+                p: 2.0,
+                ..Profile::default()
+            },
+        )
+        .unwrap();
     talon.set_control_mode(ControlMode::Position).unwrap();
     talon.set(50.0).unwrap();
     bench.run(30);
@@ -257,16 +356,31 @@ fn row_57_error_throttle_slot_and_sensor_show_in_the_self_test() {
 fn row_93_derivative_and_first_pass_follow_the_published_algorithm() {
     let (bench, talon) = locked();
     // D acts on the error: a step of the target kicks for one pass, and not in the first one.
-    let profile = Profile { p: 0.5, d: 10.0, ..Profile::default() };
+    let profile = Profile {
+        p: 0.5,
+        d: 10.0,
+        ..Profile::default()
+    };
     start(&bench, &talon, &profile, 100.0);
     let from = bench.next_frame();
     bench.run(20);
-    let seen: Vec<i16> = bench.general(from, 3).iter().map(|status| status.throttle).collect();
-    assert!(seen.iter().all(|throttle| [0, 50].contains(throttle)), "{seen:?}");
+    let seen: Vec<i16> = bench
+        .general(from, 3)
+        .iter()
+        .map(|status| status.throttle)
+        .collect();
+    assert!(
+        seen.iter().all(|throttle| [0, 50].contains(throttle)),
+        "{seen:?}"
+    );
     let from = bench.next_frame();
     talon.set(110.0).unwrap();
     bench.run(20);
-    let seen: Vec<i16> = bench.general(from, 3).iter().map(|status| status.throttle).collect();
+    let seen: Vec<i16> = bench
+        .general(from, 3)
+        .iter()
+        .map(|status| status.throttle)
+        .collect();
     let kicks = seen.iter().filter(|throttle| **throttle == 155).count();
     assert_eq!(kicks, 1, "{seen:?}");
     assert_eq!(*seen.last().unwrap(), 55);
@@ -276,8 +390,14 @@ fn row_93_derivative_and_first_pass_follow_the_published_algorithm() {
 fn row_47_the_loops_work_with_the_analog_sensor_too() {
     let (bench, talon) = TalonBench::enabled();
     // The potentiometer of the plant: 1024 counts in ten turns.
-    talon.set_feedback_device(FeedbackDevice::AnalogPotentiometer).unwrap();
-    let profile = Profile { p: 20.0, d: 100.0, ..Profile::default() };
+    talon
+        .set_feedback_device(FeedbackDevice::AnalogPotentiometer)
+        .unwrap();
+    let profile = Profile {
+        p: 20.0,
+        d: 100.0,
+        ..Profile::default()
+    };
     talon.set_profile(0, &profile).unwrap();
     bench.run(200);
     let start = talon.position().fresh().unwrap();

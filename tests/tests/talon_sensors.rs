@@ -29,12 +29,18 @@ fn sweep(bench: &TalonBench, from: i32, step: i32, steps: i32) {
 #[test]
 fn row_38_the_quadrature_encoder_is_selected_by_default() {
     let (bench, talon) = TalonBench::enabled();
-    assert_eq!(talon.feedback_device().fresh().unwrap(), FeedbackDevice::Quadrature);
+    assert_eq!(
+        talon.feedback_device().fresh().unwrap(),
+        FeedbackDevice::Quadrature
+    );
     talon.set(0.2).unwrap();
     bench.run(500);
     talon.set(0.0).unwrap();
     bench.run(2000);
-    let (selected, raw) = (talon.position().fresh().unwrap(), talon.enc_position().fresh().unwrap());
+    let (selected, raw) = (
+        talon.position().fresh().unwrap(),
+        talon.enc_position().fresh().unwrap(),
+    );
     assert!(raw > 1000 && selected == raw, "{selected} {raw}");
 }
 
@@ -44,7 +50,10 @@ fn row_39_row_40_the_selected_sensor_is_turned_and_the_raw_signals_are_not() {
     bench.poke(0, Poke::AnalogVolts(Some(volts(300))));
     talon.set(0.2).unwrap();
     bench.run(2000);
-    let (raw, analog) = (talon.enc_vel().fresh().unwrap(), talon.analog_in().fresh().unwrap());
+    let (raw, analog) = (
+        talon.enc_vel().fresh().unwrap(),
+        talon.analog_in().fresh().unwrap(),
+    );
     assert!(raw > 1000);
     let selected = talon.speed().fresh().unwrap();
     assert!(selected.abs_diff(raw) < 60, "{selected} {raw}");
@@ -66,15 +75,24 @@ fn row_39_row_40_the_selected_sensor_is_turned_and_the_raw_signals_are_not() {
 fn row_42_row_86_rising_edges_count_up_only_and_never_drive_backwards() {
     let (bench, talon) = TalonBench::enabled();
     select(&bench, &talon, FeedbackDevice::RisingEdges);
-    let before = (talon.position().fresh().unwrap(), bench.truth(0).position_counts);
+    let before = (
+        talon.position().fresh().unwrap(),
+        bench.truth(0).position_counts,
+    );
     talon.set(0.1).unwrap();
     bench.run(2000);
     let velocity = f64::from(talon.speed().fresh().unwrap());
     let truth = bench.truth(0).velocity_counts_per_100ms / 4.0;
-    assert!((velocity - truth).abs() < truth * 0.05 + 2.0, "{velocity} {truth}");
+    assert!(
+        (velocity - truth).abs() < truth * 0.05 + 2.0,
+        "{velocity} {truth}"
+    );
     talon.set(0.0).unwrap();
     bench.run(3000);
-    let after = (talon.position().fresh().unwrap(), bench.truth(0).position_counts);
+    let after = (
+        talon.position().fresh().unwrap(),
+        bench.truth(0).position_counts,
+    );
     let (edges, counts) = (after.0 - before.0, (after.1 - before.1) / 4);
     assert!((i64::from(edges) - counts).abs() <= 1, "{edges} {counts}");
     // Backwards it counts up too.
@@ -174,7 +192,10 @@ fn row_78_row_84_the_potentiometer_is_the_ten_bit_conversion_of_3_3_volts() {
 
 #[test]
 fn row_84_row_85_a_sweep_of_1023_counts_in_a_second_is_a_velocity_of_102() {
-    for device in [FeedbackDevice::AnalogPotentiometer, FeedbackDevice::AnalogEncoder] {
+    for device in [
+        FeedbackDevice::AnalogPotentiometer,
+        FeedbackDevice::AnalogEncoder,
+    ] {
         let (bench, talon) = TalonBench::enabled();
         bench.poke(0, Poke::AnalogVolts(Some(volts(0))));
         select(&bench, &talon, device);
@@ -206,7 +227,10 @@ fn row_85_the_analog_encoder_goes_on_at_the_same_speed_past_its_end() {
 #[test]
 fn row_83_quadrature_counts_four_edges_and_its_velocity_is_per_100_ms() {
     let (bench, talon) = TalonBench::enabled();
-    let before = (talon.enc_position().fresh().unwrap(), bench.truth(0).position_counts);
+    let before = (
+        talon.enc_position().fresh().unwrap(),
+        bench.truth(0).position_counts,
+    );
     talon.set(0.3).unwrap();
     bench.run(3000);
     // The plant's counts are quadrature edges: a revolution is four times the encoder's cycles.
@@ -215,7 +239,10 @@ fn row_83_quadrature_counts_four_edges_and_its_velocity_is_per_100_ms() {
     assert!((shown - truth).abs() <= truth * 0.01, "{shown} {truth}");
     talon.set(0.0).unwrap();
     bench.run(4000);
-    let after = (talon.enc_position().fresh().unwrap(), bench.truth(0).position_counts);
+    let after = (
+        talon.enc_position().fresh().unwrap(),
+        bench.truth(0).position_counts,
+    );
     assert_eq!(i64::from(after.0 - before.0), after.1 - before.1);
     assert_eq!(talon.enc_vel().fresh().unwrap(), 0);
 }
@@ -231,7 +258,11 @@ fn row_35_index_rises_and_pins_are_reported() {
         bench.run(5);
     }
     bench.run(150);
-    let rises = talon.number_of_quad_idx_rises().fresh().unwrap().wrapping_sub(before);
+    let rises = talon
+        .number_of_quad_idx_rises()
+        .fresh()
+        .unwrap()
+        .wrapping_sub(before);
     assert!((4..=5).contains(&rises), "{rises}");
     assert!(talon.quadrature_pins().fresh().unwrap().2);
     bench.poke(0, Poke::IndexPin(Some(false)));
@@ -246,15 +277,25 @@ fn row_35_index_rises_and_pins_are_reported() {
 fn row_71_raw_sensors_come_every_100_ms_whatever_is_selected_and_faster_if_asked() {
     use windlass_core::dialect::talon_srx::wire::id;
     let (bench, talon) = TalonBench::enabled();
-    for device in [FeedbackDevice::Quadrature, FeedbackDevice::AnalogEncoder, FeedbackDevice::RisingEdges] {
+    for device in [
+        FeedbackDevice::Quadrature,
+        FeedbackDevice::AnalogEncoder,
+        FeedbackDevice::RisingEdges,
+    ] {
         select(&bench, &talon, device);
         let from = bench.next_frame();
         bench.run(1000);
-        let counts = [id::STATUS_3, id::STATUS_4, id::STATUS_2].map(|id| bench.frames(from, id, 3).len());
-        assert!(counts[0].abs_diff(10) <= 1 && counts[1].abs_diff(10) <= 1, "{counts:?}");
+        let counts =
+            [id::STATUS_3, id::STATUS_4, id::STATUS_2].map(|id| bench.frames(from, id, 3).len());
+        assert!(
+            counts[0].abs_diff(10) <= 1 && counts[1].abs_diff(10) <= 1,
+            "{counts:?}"
+        );
         assert!(counts[2].abs_diff(50) <= 1, "{counts:?}");
     }
-    talon.set_status_frame_rate_ms(StatusFrame::QuadEncoder, 10).unwrap();
+    talon
+        .set_status_frame_rate_ms(StatusFrame::QuadEncoder, 10)
+        .unwrap();
     bench.run(10);
     let from = bench.next_frame();
     bench.run(1000);
