@@ -257,13 +257,13 @@ pub const fn current(raw: u16) -> Amps {
 #[must_use]
 pub const fn temperature_raw(temperature: Celsius) -> u8 {
     let above = temperature.to_bits() as i64 + (50 << 16);
-    saturated_u8(rounded_quotient(above * 31, 20 << 16))
+    saturated_u8(rounded_quotient::<{ 20 << 16 }>(above * 31))
 }
 
 /// The temperature of a raw value, rounded to the nearest 16.16 number.
 #[must_use]
 pub const fn temperature(raw: u8) -> Celsius {
-    let above = rounded_quotient((raw as i64 * 20) << 16, 31);
+    let above = rounded_quotient::<31>((raw as i64 * 20) << 16);
     Celsius::from_bits(above as i32 - (50 << 16))
 }
 
@@ -271,13 +271,13 @@ pub const fn temperature(raw: u8) -> Celsius {
 #[must_use]
 pub const fn battery_raw(voltage: Volts) -> u8 {
     let above = voltage.to_bits() as i64 - (4 << 16);
-    saturated_u8(rounded_quotient(above * 20, 1 << 16))
+    saturated_u8(rounded_quotient::<{ 1 << 16 }>(above * 20))
 }
 
 /// The battery voltage of a raw value, rounded to the nearest 16.16 number.
 #[must_use]
 pub const fn battery(raw: u8) -> Volts {
-    let above = rounded_quotient((raw as i64) << 16, 20);
+    let above = rounded_quotient::<20>((raw as i64) << 16);
     Volts::from_bits(above as i32 + (4 << 16))
 }
 
@@ -297,13 +297,15 @@ const fn saturated_u8(value: i64) -> u8 {
     }
 }
 
-/// `numerator` / `denominator` (which is positive), halves away from zero.
-const fn rounded_quotient(numerator: i64, denominator: i64) -> i64 {
-    let half = denominator / 2;
+/// `numerator` / `DENOMINATOR` (which is positive), halves away from zero. A constant, so that the division
+/// cannot panic.
+const fn rounded_quotient<const DENOMINATOR: i64>(numerator: i64) -> i64 {
+    const { assert!(DENOMINATOR > 0) };
+    let half = DENOMINATOR / 2;
     if numerator < 0 {
-        (numerator - half) / denominator
+        (numerator - half) / DENOMINATOR
     } else {
-        (numerator + half) / denominator
+        (numerator + half) / DENOMINATOR
     }
 }
 
