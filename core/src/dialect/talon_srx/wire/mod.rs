@@ -297,9 +297,10 @@ const fn saturated_u8(value: i64) -> u8 {
     }
 }
 
-/// `numerator` / `DENOMINATOR` (which is positive), halves away from zero. A constant denominator: dividing by
-/// a variable one can panic.
+/// `numerator` / `DENOMINATOR` (which is positive), halves away from zero. A constant, so that the division
+/// cannot panic.
 const fn rounded_quotient<const DENOMINATOR: i64>(numerator: i64) -> i64 {
+    const { assert!(DENOMINATOR > 0) };
     let half = DENOMINATOR / 2;
     if numerator < 0 {
         (numerator - half) / DENOMINATOR
