@@ -1,6 +1,9 @@
 //! A bench for whole-system tests: controllers on a virtual bus and one CAN tool that talks to them, frame by
 //! frame, in virtual time.
 
+pub mod boot_bench;
+pub mod journal_cuts;
+
 use windlass_core::dialect::dmc60c::wire::{
     Control0, ModeSelect, StatusAnalog, StatusEncoder, StatusGeneral, id as status_id,
 };

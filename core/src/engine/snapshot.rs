@@ -271,6 +271,21 @@ pub struct RawSensors {
     pub conversions: Conversions,
 }
 
+impl RawSensors {
+    /// Nothing is followed.
+    pub const NONE: Self = Self {
+        encoder: Reading::ZERO,
+        analog: Reading::ZERO,
+        index_rises: 0,
+        conversions: Conversions {
+            current: 0,
+            bus_voltage: 0,
+            temperature: 0,
+            analog_in: 0,
+        },
+    };
+}
+
 /// Raw 12-bit conversions, 0 to 4095.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conversions {

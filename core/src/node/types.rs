@@ -70,7 +70,7 @@ pub enum Attempts {
 
 /// Tells the node which of its frames a result belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tag(pub(super) Answer);
+pub struct Tag(pub(crate) Answer);
 
 /// A frame to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,7 +129,7 @@ pub struct Counters {
 }
 
 impl Counters {
-    pub(super) fn count_bad(&mut self, bad: Bad) {
+    pub(crate) fn count_bad(&mut self, bad: Bad) {
         let counter = match bad {
             Bad::Length => &mut self.bad_length,
             Bad::Remote => &mut self.remote,

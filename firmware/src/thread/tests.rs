@@ -86,7 +86,12 @@ fn start() -> (FakeBoard, Crossing, Thread) {
     let mut board = FakeBoard {
         bus: FakeBus::default(),
         now: Instant::ZERO,
-        kept: Kept::new(record, ResetCause::PowerOn, 1),
+        kept: Kept::new(
+            record,
+            ResetCause::PowerOn,
+            windlass_core::engine::Board::REFERENCE,
+            1,
+        ),
         fed: 0,
     };
     let config = board.kept.node_config();

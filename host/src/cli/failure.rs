@@ -21,6 +21,8 @@ pub enum Kind {
     NoAnswer = 5,
     /// The device refused, or a value is out of range.
     Refused = 6,
+    /// A firmware or key file cannot be used.
+    File = 8,
 }
 
 impl Kind {
@@ -34,6 +36,7 @@ impl Kind {
             Self::NoDevice => "no-device",
             Self::NoAnswer => "no-answer",
             Self::Refused => "refused",
+            Self::File => "file",
         }
     }
 }

@@ -5,6 +5,7 @@ pub mod demo;
 mod failure;
 mod faults;
 mod id;
+mod image;
 mod info;
 mod interrupt;
 mod monitor;
@@ -27,7 +28,7 @@ pub use interrupt::interrupted;
 /// Exit codes, as `--help` shows them; `docs/command.md` explains each.
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 unexpected failure, 2 wrong usage, 3 transport or bus failed, \
 4 no such device, 5 device did not answer, 6 device refused or value out of range, \
-7 self-test failed or fault reported, 130 interrupted.";
+7 self-test failed or fault reported, 8 file unusable, 130 interrupted.";
 
 /// Bench and tool for CAN motor controllers. Without a verb it runs `demo`.
 #[derive(Debug, Parser)]
@@ -84,6 +85,8 @@ enum Verb {
     Monitor(monitor::Arguments),
     /// Show and clear faults.
     Faults(faults::Arguments),
+    /// Look at firmware files, seal and sign them.
+    Image(image::Arguments),
     /// Spin a simulated motor and show how to connect to the bench.
     Demo(demo::Arguments),
     /// Serve the virtual bench: SLCAN on TCP and on a pty, HTTP with JSON API and web page.
@@ -127,6 +130,7 @@ fn dispatch(verb: &Verb, global: &Global) -> Result<Outcome, Failure> {
         Verb::Run(arguments) => run::run(arguments, global),
         Verb::Monitor(arguments) => monitor::run(arguments, global),
         Verb::Faults(arguments) => faults::run(arguments, global),
+        Verb::Image(arguments) => image::run(arguments, global),
         Verb::Demo(arguments) => demo::run(arguments, global),
         Verb::Sim(arguments) => sim::run(arguments, global),
     }

@@ -12,6 +12,7 @@ mod parameter;
 mod selector;
 mod status;
 pub mod talon;
+mod update;
 mod vendor;
 
 use std::collections::BTreeMap;
@@ -97,6 +98,18 @@ impl<B: Bus> Client<B> {
     pub fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
         self.bus.send(frame)?;
         self.count(frame);
+        Ok(())
+    }
+
+    /// Puts several frames on the bus, in this order.
+    ///
+    /// # Errors
+    /// The bus failed; some of the frames may have been sent.
+    pub fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        self.bus.send_all(frames)?;
+        for frame in frames {
+            self.count(frame);
+        }
         Ok(())
     }
 

@@ -20,24 +20,26 @@ const RESTART_TIME: Duration = Duration::from_secs(3);
 const TEST_TIME: Duration = Duration::from_secs(2);
 
 /// One vendor command with everything that belongs to it.
-struct Exchange<'a> {
-    command: Command,
-    param1: u16,
+pub(super) struct Exchange<'a> {
+    pub(super) command: Command,
+    pub(super) param1: u16,
+    pub(super) param2: u16,
     /// Bytes to the device.
-    payload: &'a [u8],
+    pub(super) payload: &'a [u8],
     /// Number under which the device answers.
-    answers_as: u8,
+    pub(super) answers_as: u8,
     /// Shortest time to wait for the status.
-    patience: Duration,
-    attempts: u32,
+    pub(super) patience: Duration,
+    pub(super) attempts: u32,
 }
 
 impl Exchange<'static> {
     /// A command without parameters that may be repeated.
-    const fn plain(command: Command, number: u8) -> Self {
+    pub(super) const fn plain(command: Command, number: u8) -> Self {
         Self {
             command,
             param1: 0,
+            param2: 0,
             payload: &[],
             answers_as: number,
             patience: Duration::ZERO,
@@ -47,9 +49,9 @@ impl Exchange<'static> {
 }
 
 /// The device's answer.
-struct Reply {
-    code: u16,
-    data: Vec<u8>,
+pub(super) struct Reply {
+    pub(super) code: u16,
+    pub(super) data: Vec<u8>,
 }
 
 impl<B: Bus> Client<B> {
@@ -248,7 +250,11 @@ impl<B: Bus> Client<B> {
         })
     }
 
-    fn transact(&mut self, address: Address, exchange: &Exchange<'_>) -> Result<Reply, Error> {
+    pub(super) fn transact(
+        &mut self,
+        address: Address,
+        exchange: &Exchange<'_>,
+    ) -> Result<Reply, Error> {
         for _ in 0..exchange.attempts {
             if let Some(reply) = self.attempt(address, exchange)? {
                 return Ok(reply);
@@ -257,7 +263,7 @@ impl<B: Bus> Client<B> {
         Err(self.silence(address, name(exchange.command)))
     }
 
-    fn attempt(
+    pub(super) fn attempt(
         &mut self,
         address: Address,
         exchange: &Exchange<'_>,
@@ -266,14 +272,14 @@ impl<B: Bus> Client<B> {
             session: address.session,
             command: exchange.command.code(),
             param1: exchange.param1,
-            param2: 0,
+            param2: exchange.param2,
         };
-        self.send(&command.emit(address.number))?;
-        for chunk in exchange.payload.chunks(8) {
-            if let Some(frame) = data_out(address.number, chunk) {
-                self.send(&frame)?;
-            }
-        }
+        let chunks = exchange.payload.chunks(8);
+        let data = chunks.filter_map(|chunk| data_out(address.number, chunk));
+        let frames: Vec<Frame> = std::iter::once(command.emit(address.number))
+            .chain(data)
+            .collect();
+        self.send_all(&frames)?;
         let wait = self.answer_timeout.max(exchange.patience);
         let numbers = [exchange.answers_as, address.number];
         let status = self.wait_for(wait, |frame| {
@@ -365,12 +371,12 @@ pub(crate) fn check_text(descriptor: Descriptor, text: &str) -> Result<(), Value
     Ok(())
 }
 
-fn name(command: Command) -> &'static str {
+pub(super) fn name(command: Command) -> &'static str {
     let row = Command::TABLE.iter().find(|row| row.2 == command);
     row.map_or("a vendor command", |row| row.1)
 }
 
-fn expect(
+pub(super) fn expect(
     address: Address,
     command: Command,
     reply: &Reply,
@@ -383,7 +389,7 @@ fn expect(
     }
 }
 
-fn refused(address: Address, command: Command, code: u16) -> Error {
+pub(super) fn refused(address: Address, command: Command, code: u16) -> Error {
     Error::Refused {
         address,
         request: name(command).to_owned(),
@@ -394,7 +400,7 @@ fn refused(address: Address, command: Command, code: u16) -> Error {
     }
 }
 
-fn bad_answer(address: Address, command: Command, reason: &str) -> Error {
+pub(super) fn bad_answer(address: Address, command: Command, reason: &str) -> Error {
     Error::BadAnswer {
         address,
         request: name(command).to_owned(),

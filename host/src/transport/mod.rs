@@ -40,6 +40,15 @@ pub trait Bus {
     /// The adapter or the connection to it has failed.
     fn send(&mut self, frame: &Frame) -> Result<(), BusError>;
 
+    /// Queues several frames for transmission, in this order. Adapters behind a byte stream take them in
+    /// one piece, so that a long transfer is as fast as the bus.
+    ///
+    /// # Errors
+    /// The adapter or the connection to it has failed; some of the frames may have been sent.
+    fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        frames.iter().try_for_each(|frame| self.send(frame))
+    }
+
     /// Waits for the next frame, at most `timeout`; `None` if nothing came.
     ///
     /// # Errors
@@ -62,6 +71,10 @@ pub trait Bus {
 impl<B: Bus + ?Sized> Bus for Box<B> {
     fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
         (**self).send(frame)
+    }
+
+    fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        (**self).send_all(frames)
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {

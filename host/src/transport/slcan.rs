@@ -21,6 +21,8 @@ const SERIAL_SPEED: u32 = 115_200;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Shortest wait that every operating system accepts as a read timeout.
 const SHORTEST_WAIT: Duration = Duration::from_millis(1);
+/// Longest time in which an adapter takes no byte at all before it counts as gone.
+const LONGEST_STALL: Duration = Duration::from_secs(3);
 
 /// A byte stream that can wait for data for a limited time.
 pub trait Stream: Read + Write {
@@ -126,9 +128,25 @@ impl<S: Stream> SlcanBus<S> {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), BusError> {
-        let sent = self.stream.write_all(bytes);
-        sent.and_then(|()| self.stream.flush())
-            .map_err(|source| self.lost(source))
+        self.push_out(bytes).map_err(|source| self.lost(source))
+    }
+
+    /// Writes everything. A slow adapter takes a long transfer in parts, and a serial port's write gives
+    /// up after the timeout that was last set for reading.
+    fn push_out(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+        let mut progress = Instant::now();
+        while !bytes.is_empty() {
+            match self.stream.write(bytes) {
+                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+                Ok(count) => {
+                    bytes = bytes.get(count..).unwrap_or_default();
+                    progress = Instant::now();
+                }
+                Err(error) if is_timeout(&error) && progress.elapsed() < LONGEST_STALL => {}
+                Err(error) => return Err(error),
+            }
+        }
+        self.stream.flush()
     }
 
     fn lost(&self, source: io::Error) -> BusError {
@@ -190,6 +208,14 @@ fn status_flags(line: &[u8]) -> Option<u8> {
 impl<S: Stream> Bus for SlcanBus<S> {
     fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
         self.write(&slcan::format(frame, None))
+    }
+
+    fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        let mut text = Vec::new();
+        for frame in frames {
+            text.extend(slcan::format(frame, None));
+        }
+        self.write(&text)
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {

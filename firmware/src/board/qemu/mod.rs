@@ -16,6 +16,7 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use static_cell::StaticCell;
 use stm32_metapac as pac;
+use windlass_core::engine;
 use windlass_core::engine::snapshot::Actuation;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
@@ -157,7 +158,7 @@ fn build() -> (&'static mut Qemu, &'static mut Thread) {
     let board = BOARD.init_with(|| Qemu {
         bus: SlcanBus::default(),
         clock: Clock::default(),
-        kept: Kept::new(&RECORD, ResetCause::Unknown, SEED),
+        kept: Kept::new(&RECORD, ResetCause::Unknown, engine::Board::REFERENCE, SEED),
     });
     let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
