@@ -52,6 +52,7 @@ impl ResetCause {
 
 /// How the present run began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reset {
     /// Why.
     pub cause: ResetCause,

@@ -13,6 +13,7 @@ pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
 
 /// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
     /// Session id that goes on.
     pub session: u16,
@@ -85,6 +86,7 @@ pub struct Transmission {
 
 /// What became of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TxOutcome {
     /// Sent and acknowledged.
     Sent,
@@ -105,6 +107,7 @@ pub enum Action {
 
 /// Frames counted by what became of them; all wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Frames received, for whomever.
     pub received: u32,

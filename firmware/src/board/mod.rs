@@ -15,13 +15,19 @@ pub use nucleo_g474re::{bridge_off, run};
 #[cfg(feature = "board-qemu")]
 mod qemu;
 #[cfg(feature = "board-qemu")]
-pub use qemu::{bridge_off, run};
+pub use qemu::{bridge_off, micros, run};
 #[cfg(any(
     feature = "board-b-g431b-esc1",
     feature = "board-f405-devkit",
     feature = "board-nucleo-g474re"
 ))]
 mod stm32;
+#[cfg(any(
+    feature = "board-b-g431b-esc1",
+    feature = "board-f405-devkit",
+    feature = "board-nucleo-g474re"
+))]
+pub use stm32::micros;
 
 #[cfg(not(any(
     feature = "board-b-g431b-esc1",

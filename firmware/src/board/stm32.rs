@@ -21,7 +21,8 @@ use crate::control::{Control, Crossing};
 use crate::count::{Position, Rises};
 use crate::fault::RECORD;
 use crate::kept::Kept;
-use crate::port::Board;
+use crate::log;
+use crate::port::{Board, Event};
 use crate::thread::Thread;
 
 pub(super) static CROSSING: Crossing = Crossing::new();
@@ -150,6 +151,10 @@ impl Board for Controller {
         chip::feed_watchdog();
     }
 
+    fn log(&mut self, event: Event) {
+        log::event(event);
+    }
+
     fn idle(&mut self) {
         cortex_m::asm::wfi();
     }
@@ -169,10 +174,17 @@ fn mixed(colour: Colour) -> (bool, bool, bool) {
     }
 }
 
+/// Time since power-on in µs.
+pub fn micros() -> u64 {
+    CROSSING.micros()
+}
+
 /// Starts the hardware, the bridge before anything that can drive it, and runs thread mode. `start_sensors` starts
 /// converter, encoder and what else the board's sample is made of.
 pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVIC)) -> ! {
     let (board, thread) = build(description, start_sensors);
+    log::event(Event::Started(board.kept.reset()));
+    log::brown_out_level(family::brown_out_level(), family::BROWN_OUT_LEVEL);
     thread.run(board, &CROSSING)
 }
 

@@ -5,6 +5,8 @@
 //! plant on by one tick. Thread mode does everything else. USART2 takes the pokes of the plant.
 
 mod bus;
+#[cfg(feature = "log")]
+mod log;
 mod poke;
 mod rig;
 mod serial;
@@ -28,7 +30,7 @@ use crate::clock::Clock;
 use crate::control::{Control, Crossing};
 use crate::fault::RECORD;
 use crate::kept::Kept;
-use crate::port::Board;
+use crate::port::{Board, Event};
 use crate::thread::Thread;
 
 use bus::SlcanBus;
@@ -130,12 +132,21 @@ impl Board for Qemu {
 
     fn feed_watchdog(&mut self) {}
 
+    fn log(&mut self, event: Event) {
+        crate::log::event(event);
+    }
+
     fn idle(&mut self) {
         serial::take_pokes();
         if !bus::FLOOD.load(Ordering::Relaxed) {
             cortex_m::asm::wfi();
         }
     }
+}
+
+/// Time since power-on in µs.
+pub fn micros() -> u64 {
+    CROSSING.micros()
 }
 
 /// Starts the hardware and runs thread mode.
@@ -147,6 +158,7 @@ pub fn run() -> ! {
         chip::start_tick(&mut core.SCB, &mut core.SYST);
     }
     let (board, thread) = build();
+    crate::log::event(Event::Started(board.kept.reset()));
     thread.run(board, &CROSSING)
 }
 

@@ -95,6 +95,15 @@ pub fn start_clocks(crystal_mhz: u8) {
     });
 }
 
+/// Brown-out level that the option bytes should name: level 3, 2.7 V (3.6.2, BOR_LEV).
+pub const BROWN_OUT_LEVEL: u8 = 0b00;
+
+/// Brown-out level that they do name.
+#[must_use]
+pub fn brown_out_level() -> u8 {
+    FLASH.optcr().read().bor_lev()
+}
+
 /// Ends the program when the supply falls below the detector's threshold.
 pub fn watch_supply(nvic: &mut NVIC) {
     stm32::watch_supply(nvic, Interrupt::PVD);

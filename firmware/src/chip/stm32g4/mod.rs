@@ -112,6 +112,15 @@ fn start_peripherals() {
     });
 }
 
+/// Brown-out level that the option bytes should name: level 4, 2.8 V (3.4.1, BOR_LEV).
+pub const BROWN_OUT_LEVEL: u8 = 4;
+
+/// Brown-out level that they do name.
+#[must_use]
+pub fn brown_out_level() -> u8 {
+    FLASH.optr().read().bor_lev()
+}
+
 /// Ends the program when the supply falls below the detector's threshold.
 pub fn watch_supply(nvic: &mut NVIC) {
     stm32::watch_supply(nvic, Interrupt::PVD_PVM);
