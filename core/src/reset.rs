@@ -34,8 +34,25 @@ named_codes! {
     }
 }
 
+impl ResetCause {
+    /// True if the program that ran before has failed: a new image that does so is on its way out
+    /// (docs/updates.md).
+    #[must_use]
+    pub const fn is_failure(self) -> bool {
+        matches!(
+            self,
+            Self::Watchdog
+                | Self::Panic
+                | Self::ProcessorFault
+                | Self::UnexpectedInterrupt
+                | Self::StackGuard
+        )
+    }
+}
+
 /// How the present run began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reset {
     /// Why.
     pub cause: ResetCause,

@@ -17,6 +17,7 @@ pub type Celsius = I16F16;
 /// Duty cycle of the bridge ("throttle units" of the DMC60C guide): −32768 (full reverse) to 32767
 /// (full forward). Positive means that M+ is above M−.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Duty(i16);
 
 /// Full forward in 10-bit throttle units (Talon SRX manual, 17.5).

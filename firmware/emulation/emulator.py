@@ -21,6 +21,7 @@ import dmc60c  # noqa: E402 (found in the folder above)
 
 STARTUP_SECONDS = 60  # a hung start must end the test, not the patience of whoever runs it
 SILENCE_SECONDS = 20
+ANSWER_PERIODS = 1000
 CLOCK_MHZ = 168
 
 
@@ -52,7 +53,7 @@ class Emulator:
             "-serial", f"tcp:127.0.0.1:{pokes},server=on,wait=off,nodelay=on",
             "-semihosting-config", "enable=on,target=native",
             "-icount", f"shift=3,align=off,sleep={'on' if sleep else 'off'}",
-        ], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        ], stderr=subprocess.PIPE, stdout=subprocess.PIPE)
         self.line_port, self.poke_port = line, pokes
         self.printed = None
         try:
@@ -118,7 +119,13 @@ class Emulator:
             answer += part
         return answer
 
-    def close(self) -> str:
+    def log(self) -> list:
+        """Ends the process and gives the lines of its log, decoded."""
+        done = subprocess.run([os.environ["WINDLASS_XTASK"], "log", image()], input=self.close(),
+                              capture_output=True, check=True)
+        return done.stdout.decode().splitlines()
+
+    def close(self) -> bytes:
         """Ends the process and gives what it printed; once, then the same again."""
         if self.printed is not None:
             return self.printed
@@ -215,9 +222,15 @@ class EmulatorTest(unittest.TestCase):
         return dmc60c.vendor_status(statuses[0].data), data
 
     def parameter(self, frame: dmc60c.Frame) -> dmc60c.ParamResponse:
-        answers = self.pick(self.ask(frame, periods=3), dmc60c.PARAM_RESPONSE)
-        self.assertEqual(len(answers), 1)
-        return dmc60c.param_response(answers[0].data)
+        # Where virtual time runs ahead of real time, many periods may pass before the request is there.
+        self.drain()
+        self.send(frame)
+        for _ in range(ANSWER_PERIODS):
+            answers = self.pick(self.watch(1), dmc60c.PARAM_RESPONSE)
+            if answers:
+                self.assertEqual(len(answers), 1)
+                return dmc60c.param_response(answers[0].data)
+        self.fail(f"no answer to {frame}")
 
     def get(self, parameter: int) -> int:
         answer = self.parameter(dmc60c.param_request(self.number, self.session, parameter))

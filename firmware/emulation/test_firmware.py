@@ -91,6 +91,22 @@ class Management(EmulatorTest):
         self.assertEqual(self.get(dmc60c.COUNT_COMMUNICATION), 1)
 
 
+class Log(EmulatorTest):
+    def test_what_happens_is_logged(self):
+        self.enumerate()
+        self.emulator.poke("gate_driver_fault", 1)
+        self.watch(10)
+        self.emulator.crash("panic")
+        time.sleep(0.2)
+        self.emulator.wait_until_up()
+        self.ask(dmc60c.enumerate_request(), periods=20)
+        lines = "\n".join(self.emulator.log())
+        self.assertRegex(lines, r"INFO +started: Reset \{ cause: PowerOn.* count: 0 \}")
+        self.assertIn(f"bus seen, session {self.session:#x}", lines)
+        self.assertRegex(lines, r"ERROR +faults 0b1000")
+        self.assertRegex(lines, r"ERROR +started: Reset \{ cause: Panic, detail: \d+.* count: 1 \}")
+
+
 class Driving(EmulatorTest):
     def setUp(self):
         super().setUp()

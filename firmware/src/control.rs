@@ -5,6 +5,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use windlass_core::engine::command::Command;
 use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
 use windlass_core::engine::{Engine, Settings};
+use windlass_core::time::TICK;
 
 use crate::latest::Latest;
 
@@ -47,6 +48,12 @@ impl Crossing {
     pub fn skip(&self) {
         self.ticks
             .store(self.ticks().wrapping_add(1), Ordering::Relaxed);
+    }
+
+    /// Time of the latest tick in µs; starts anew after 24 days. For log lines.
+    #[must_use]
+    pub fn micros(&self) -> u64 {
+        u64::from(self.ticks()) * TICK.as_micros()
     }
 
     /// Ticks so far, wrapping.

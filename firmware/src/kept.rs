@@ -1,5 +1,6 @@
 //! What outlives the node on a board without a settings memory: kept in RAM, lost with the power.
 
+use windlass_core::engine;
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Handover, NodeConfig};
 use windlass_core::params::Stored;
@@ -11,6 +12,7 @@ use crate::record::{Cause, Record, Start};
 #[derive(Clone, Debug)]
 pub struct Kept {
     record: &'static Record,
+    board: engine::Board,
     seed: u32,
     reset: Reset,
     /// Left by the node before.
@@ -20,13 +22,19 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// At the start of the program. `hardware` is the cause of the start that the chip tells; `seed`
-    /// differs from board to board.
+    /// At the start of the program. `hardware` is the cause of the start that the chip tells, `board` converts
+    /// what is measured, and `seed` differs from specimen to specimen.
     #[must_use]
-    pub fn new(record: &'static Record, hardware: ResetCause, seed: u32) -> Self {
+    pub fn new(
+        record: &'static Record,
+        hardware: ResetCause,
+        board: engine::Board,
+        seed: u32,
+    ) -> Self {
         let Start { reset, handover } = record.start(hardware);
         Self {
             record,
+            board,
             seed,
             reset,
             handover,
@@ -59,6 +67,7 @@ impl Kept {
         };
         NodeConfig {
             image,
+            board: self.board,
             handover: self.handover,
             reset: self.reset,
             ..NodeConfig::dmc60c(self.seed)
@@ -73,7 +82,7 @@ mod tests {
     #[test]
     fn only_an_order_to_stay_leads_to_the_bootloader() {
         static RECORD: Record = Record::new();
-        let mut kept = Kept::new(&RECORD, ResetCause::PowerOn, 1);
+        let mut kept = Kept::new(&RECORD, ResetCause::PowerOn, engine::Board::REFERENCE, 1);
         assert_eq!(kept.node_config().image, ImageType::Application);
         for (stay_in_bootloader, image) in [
             (false, ImageType::Application),

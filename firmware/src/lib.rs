@@ -15,13 +15,17 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod button;
 pub mod clock;
 pub mod control;
+pub mod count;
 pub mod exercise;
 pub mod kept;
 pub mod latest;
+pub mod mailbox;
 pub mod port;
 pub mod record;
+pub mod shunt;
 pub mod thread;
 
 #[cfg(target_os = "none")]
@@ -30,5 +34,7 @@ pub mod board;
 pub mod chip;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(target_os = "none")]
+pub mod log;
 #[cfg(target_os = "none")]
 pub mod stack;

@@ -1,9 +1,11 @@
 //! What a board offers to thread mode.
 
+use windlass_core::engine::snapshot::Faults;
 use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
-use windlass_core::node::{Transmission, TxOutcome};
+use windlass_core::node::{Handover, Transmission, TxOutcome};
+use windlass_core::reset::Reset;
 use windlass_core::time::Instant;
 
 use crate::kept::Kept;
@@ -17,6 +19,28 @@ pub enum BusEvent {
     Ended(TxOutcome),
     /// The controller left the bus (error passive or bus-off) and flushed its mailbox.
     Lost,
+}
+
+/// What is worth a line in the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The program has started.
+    Started(Reset),
+    /// A bus was seen.
+    Connected {
+        /// Session id.
+        session: u16,
+    },
+    /// The bus was lost.
+    Disconnected,
+    /// The active faults have changed.
+    Faults(Faults),
+    /// Settings have been saved.
+    Saved,
+    /// The node restarts because it was told to.
+    Restart(Handover),
+    /// Received frames were lost: so many since power-on.
+    Dropped(u32),
 }
 
 /// The node's CAN bus.
@@ -57,6 +81,9 @@ pub trait Board {
 
     /// Thread mode and tick are alive: restarts the watchdog.
     fn feed_watchdog(&mut self);
+
+    /// Writes a line into the log. Called in thread mode only.
+    fn log(&mut self, event: Event);
 
     /// Waits for the next interrupt; the board's own work of thread mode, if it has any.
     fn idle(&mut self);

@@ -32,6 +32,8 @@ pub enum Cause {
         /// Its exception number.
         number: u32,
     },
+    /// The supply of the chip has fallen below the detector's threshold.
+    SupplyLow,
     /// A fault of the processor with the stack pointer beyond the end of the stack.
     StackOverflow {
         /// Configurable Fault Status Register.
@@ -142,6 +144,7 @@ impl Cause {
             Self::Requested(handover) => {
                 return (Reset::first(ResetCause::Requested), Some(handover));
             }
+            Self::SupplyLow => (ResetCause::BrownOut, 0, 0),
             Self::Panic { line, file } => (ResetCause::Panic, line, file),
             Self::HardFault { status, address } => (ResetCause::ProcessorFault, status, address),
             Self::UnexpectedInterrupt { number } => (ResetCause::UnexpectedInterrupt, number, 0),
@@ -178,6 +181,7 @@ const fn encode(cause: Cause) -> [u32; 3] {
         Cause::HardFault { status, address } => [3, status, address],
         Cause::UnexpectedInterrupt { number } => [4, number, 0],
         Cause::StackOverflow { status, pointer } => [5, status, pointer],
+        Cause::SupplyLow => [6, 0, 0],
     }
 }
 
@@ -191,6 +195,7 @@ const fn decode(words: [u32; 3]) -> Option<Cause> {
         [3, status, address] => Cause::HardFault { status, address },
         [4, number, _] => Cause::UnexpectedInterrupt { number },
         [5, status, pointer] => Cause::StackOverflow { status, pointer },
+        [6, ..] => Cause::SupplyLow,
         _ => return None,
     })
 }
@@ -231,6 +236,7 @@ mod tests {
                 address: 0x2000_0000,
             },
             Cause::UnexpectedInterrupt { number: 44 },
+            Cause::SupplyLow,
             Cause::StackOverflow {
                 status: 0x1000,
                 pointer: 0x1FFF_FFF8,

@@ -2,14 +2,14 @@
 
 use windlass_core::engine::Settings;
 use windlass_core::engine::command::Command;
-use windlass_core::engine::snapshot::Snapshot;
+use windlass_core::engine::snapshot::{Faults, Snapshot};
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag};
 use windlass_core::params::Stored;
 use windlass_core::time::Instant;
 
 use crate::control::Crossing;
-use crate::port::{Board, Bus, BusEvent};
+use crate::port::{Board, Bus, BusEvent, Event};
 
 /// Bus events of one pass: more than a saturated bus of 1 Mbit/s delivers in two ticks. A flood of
 /// frames cannot keep the node from its other duties.
@@ -24,6 +24,15 @@ pub struct Thread {
     on_the_way: Option<Tag>,
     command: Option<Command>,
     settings: Option<Settings>,
+    logged: Logged,
+}
+
+/// What the log has told of last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Logged {
+    session: Option<u16>,
+    faults: Faults,
+    dropped: u32,
 }
 
 impl Thread {
@@ -37,6 +46,7 @@ impl Thread {
             on_the_way: None,
             command: None,
             settings: None,
+            logged: Logged::default(),
         }
     }
 
@@ -44,6 +54,7 @@ impl Thread {
     pub fn run<B: Board>(&mut self, board: &mut B, crossing: &Crossing) -> ! {
         loop {
             if let Some(handover) = self.pass(board, crossing) {
+                board.log(Event::Restart(handover));
                 board.kept().restart(handover);
                 self.restart(board, crossing);
             }
@@ -71,7 +82,30 @@ impl Thread {
         let restart = self.act(board);
         self.transmit(board);
         self.publish(crossing);
+        self.log(board);
         restart
+    }
+
+    /// Logs what has changed. Here, because neither the tick nor an interrupt may format anything.
+    fn log<B: Board>(&mut self, board: &mut B) {
+        let now = Logged {
+            session: self.node.session(),
+            faults: self.snapshot.faults,
+            dropped: self.node.counters().dropped,
+        };
+        let before = core::mem::replace(&mut self.logged, now);
+        if now.session != before.session {
+            board.log(match now.session {
+                Some(session) => Event::Connected { session },
+                None => Event::Disconnected,
+            });
+        }
+        if now.faults != before.faults {
+            board.log(Event::Faults(now.faults));
+        }
+        if now.dropped != before.dropped {
+            board.log(Event::Dropped(now.dropped));
+        }
     }
 
     fn take_events<B: Board>(&mut self, board: &mut B) {
@@ -119,6 +153,7 @@ impl Thread {
             Action::Save => {
                 board.kept().stored = Some(self.node.stored());
                 self.node.saved();
+                board.log(Event::Saved);
                 None
             }
             Action::PinTest(test) => {

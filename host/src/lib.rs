@@ -4,5 +4,6 @@
 pub mod bench;
 pub mod cli;
 pub mod client;
+pub mod flash;
 pub mod image;
 pub mod transport;

@@ -1,6 +1,6 @@
 //! Firmware files: every format gives the same image, and no damaged one is accepted.
 //!
-//! The random edits are a sample here; `WINDLASS_EDITS=100000 cargo test -p windlass --release --test
+//! The random edits are a sample here; `WINDLASS_EDITS=100000 cargo test -p windlass --test
 //! image_files` runs all of them.
 
 use std::collections::BTreeSet;

@@ -1,6 +1,7 @@
 //! A bench for whole-system tests: controllers on a virtual bus and one CAN tool that talks to them, frame by
 //! frame, in virtual time.
 
+pub mod boot_bench;
 pub mod journal_cuts;
 pub mod talon;
 

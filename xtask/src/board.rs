@@ -5,6 +5,9 @@ use crate::error::Error;
 /// The board that is built unless another one is asked for.
 pub(crate) const DEFAULT: &str = "f405-devkit";
 
+/// Memory map of the default board and of those with its chip.
+const DEFAULT_MAP: &str = "memory.x";
+
 /// One board.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Board {
@@ -14,22 +17,40 @@ pub(crate) struct Board {
     pub(crate) about: &'static str,
     /// True if the budgets of real boards hold for its image: the emulated one carries a plant.
     pub(crate) budgeted: bool,
+    /// Its memory map, from the workspace's root.
+    pub(crate) map: &'static str,
     /// The chip's name for probe-rs; none for an emulated board.
     pub(crate) probe_chip: Option<&'static str>,
 }
 
 /// Every board.
-pub(crate) const BOARDS: [Board; 2] = [
+pub(crate) const BOARDS: [Board; 4] = [
     Board {
         name: "f405-devkit",
         about: "STM32F405RG with CAN transceiver, H-bridge and encoder",
         budgeted: true,
+        map: DEFAULT_MAP,
         probe_chip: Some("STM32F405RGTx"),
+    },
+    Board {
+        name: "b-g431b-esc1",
+        about: "ST's three-phase motor board with an STM32G431CB, two phases used as H-bridge",
+        budgeted: true,
+        map: "firmware/memory/stm32g431cb.x",
+        probe_chip: Some("STM32G431CBUx"),
+    },
+    Board {
+        name: "nucleo-g474re",
+        about: "NUCLEO-G474RE with CAN transceiver, H-bridge and encoder",
+        budgeted: true,
+        map: "firmware/memory/stm32g474re.x",
+        probe_chip: Some("STM32G474RETx"),
     },
     Board {
         name: "qemu",
         about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
         budgeted: false,
+        map: DEFAULT_MAP,
         probe_chip: None,
     },
 ];

@@ -60,6 +60,7 @@ pub(crate) fn test_image(elf: &Path, names: &[String], stack: Option<&Path>) -> 
     tests
         .current_dir(crate::root().join("firmware/emulation"))
         .env("WINDLASS_IMAGE", elf)
+        .env("WINDLASS_XTASK", env::current_exe().unwrap_or_default())
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
     if let Some(stack) = stack {

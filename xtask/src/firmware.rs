@@ -1,5 +1,6 @@
 //! `cargo xtask firmware`: builds the image of one board.
 
+use std::env;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -11,6 +12,10 @@ use crate::toolchain::{TARGET, Toolchain, in_path};
 
 /// The application's program.
 pub(crate) const APPLICATION: &str = "windlass-app";
+
+/// Log of the application unless the environment says otherwise: its level, and the bytes of RAM in which frames
+/// wait for the debug probe (the crate's own default is twice that).
+const LOG_DEFAULTS: [(&str, &str); 2] = [("DEFMT_LOG", "info"), ("DEFMT_RTT_BUFFER_SIZE", "512")];
 
 /// Writes images into chips.
 const PROBE: &str = "probe-rs";
@@ -68,13 +73,26 @@ pub(crate) fn flash(name: &str) -> Result<(), Error> {
 pub(crate) fn build(toolchain: &Toolchain, board: &Board, program: &str) -> Result<PathBuf, Error> {
     let folder = crate::root().join("target/firmware").join(board.name);
     let mut command = toolchain.cargo("build", &folder);
+    select(&mut command, board, program);
+    checked("cargo", &mut command, "is the toolchain complete?")?;
+    Ok(folder.join(TARGET).join("firmware").join(program))
+}
+
+/// Tells cargo which program to build, for which board; the application with its log.
+pub(crate) fn select(command: &mut Command, board: &Board, program: &str) {
     command
         .args(["--package", "windlass-firmware", "--profile", "firmware"])
         .args(["--bin", program])
         .arg("--features")
         .arg(format!("board-{}", board.name));
-    checked("cargo", &mut command, "is the toolchain complete?")?;
-    Ok(folder.join(TARGET).join("firmware").join(program))
+    if program == APPLICATION {
+        command.args(["--features", "log"]);
+        for (variable, value) in LOG_DEFAULTS {
+            if env::var_os(variable).is_none() {
+                command.env(variable, value);
+            }
+        }
+    }
 }
 
 /// Runs a program to its end.

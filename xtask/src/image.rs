@@ -179,6 +179,40 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     })
 }
 
+/// Start and length of a region in the text of a memory map.
+fn region(map: &str, name: &str) -> Option<(u64, u64)> {
+    let line = map
+        .lines()
+        .find(|line| line.split_whitespace().next() == Some(name))?;
+    let value = |key: &str| {
+        let text = line.split_once(key)?.1.trim_start().strip_prefix('=')?;
+        let word = text
+            .trim_start()
+            .split([',', ' '])
+            .next()
+            .unwrap_or_default();
+        match (word.strip_prefix("0x"), word.strip_suffix('K')) {
+            (Some(digits), _) => u64::from_str_radix(digits, 16).ok(),
+            (_, Some(digits)) => Some(digits.parse::<u64>().ok()? * 1024),
+            _ => word.parse().ok(),
+        }
+    };
+    Some((value("ORIGIN")?, value("LENGTH")?))
+}
+
+/// The application's slot of a board: start and length.
+fn slot(board: &Board) -> Result<(u64, u64), Error> {
+    let path = crate::root().join(board.map);
+    let map = fs::read_to_string(&path).map_err(|cause| Error::File {
+        path: path.clone(),
+        cause,
+    })?;
+    region(&map, "FLASH").ok_or_else(|| Error::Image {
+        path,
+        what: "it names no region FLASH with ORIGIN and LENGTH".to_owned(),
+    })
+}
+
 /// Prints sections and totals next to the budgets; an image beyond its budget is an error.
 pub(crate) fn report(image: &Image, board: &Board) -> Result<(), Error> {
     println!("\nsection            address       bytes");
@@ -195,9 +229,17 @@ pub(crate) fn report(image: &Image, board: &Board) -> Result<(), Error> {
             },
         );
     }
+    let (start, length) = slot(board)?;
+    let vectors = image.symbol("__vector_table")?;
+    if vectors != start {
+        return Err(Error::Image {
+            path: image.path.clone(),
+            what: format!("its vectors stand at {vectors:#x}, the slot of the map at {start:#x}"),
+        });
+    }
     let (flash, ram) = (image.flash(), image.ram());
     let stack = image.symbol("_stack_start")? - image.symbol("_stack_end")?;
-    println!("flash   {flash:>6} of {FLASH_BUDGET} bytes budgeted");
+    println!("flash   {flash:>6} of {FLASH_BUDGET} bytes budgeted, {length} in the slot");
     println!("RAM     {ram:>6} of {RAM_BUDGET} bytes budgeted, static");
     println!("stack   {stack:>6} bytes reserved");
     if !board.budgeted {
@@ -210,4 +252,33 @@ pub(crate) fn report(image: &Image, board: &Board) -> Result<(), Error> {
         });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::BOARDS;
+
+    #[test]
+    fn every_board_s_map_tells_its_slot() {
+        for board in BOARDS {
+            let (start, length) = slot(&board).expect("a slot");
+            // Whole pages of the update protocol, and an aligned vector table.
+            assert_eq!((start % 512, length % 4096), (0, 0), "{}", board.name);
+            assert!(start > FLASH_START, "{}", board.name);
+        }
+    }
+
+    #[test]
+    fn regions_are_read_in_bytes_and_kilobytes_and_others_are_none() {
+        let map =
+            "  FLASH : ORIGIN = 0x08000100, LENGTH = 3K /* x */\n RAM: ORIGIN = 16, LENGTH = 5\n";
+        assert_eq!(region(map, "FLASH"), Some((0x0800_0100, 3072)));
+        assert_eq!(region(map, "RAM"), None);
+        assert_eq!(
+            region(" RAM : ORIGIN = 16, LENGTH = 5", "RAM"),
+            Some((16, 5))
+        );
+        assert_eq!(region(map, "BOOT"), None);
+    }
 }

@@ -6,6 +6,7 @@ mod emulator;
 mod error;
 mod firmware;
 mod image;
+mod log;
 mod measure;
 mod panics;
 mod stack;
@@ -46,6 +47,11 @@ enum Command {
     NoPanic,
     /// Prints how much stack the firmware can need and was seen to need in QEMU
     Stack,
+    /// Decodes the log of an image: raw frames on standard input become lines
+    Log {
+        /// The linked file that is running
+        elf: PathBuf,
+    },
     /// Runs the firmware in QEMU and drives it with python-can
     QemuTest {
         /// Tests to run, as unittest names them; all by default
@@ -57,6 +63,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Firmware { board } => firmware::run(&board).map(|_| ()),
         Command::Flash { board } => firmware::flash(&board),
+        Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
         Command::Stack => stack::run(),

@@ -6,7 +6,7 @@ use crate::board;
 use crate::calls::{CallGraph, Depth};
 use crate::emulator;
 use crate::error::Error;
-use crate::firmware::{APPLICATION, checked};
+use crate::firmware::{APPLICATION, checked, select};
 use crate::image::Image;
 use crate::toolchain::{TARGET, Toolchain};
 
@@ -26,11 +26,8 @@ pub(crate) fn run() -> Result<(), Error> {
     let mut command = toolchain.cargo("build", &folder);
     command
         .env("RUSTC_BOOTSTRAP", "1")
-        .env("RUSTFLAGS", "-Zemit-stack-sizes")
-        .args(["--package", "windlass-firmware", "--profile", "firmware"])
-        .args(["--bin", APPLICATION])
-        .arg("--features")
-        .arg(format!("board-{}", board.name));
+        .env("RUSTFLAGS", "-Zemit-stack-sizes");
+    select(&mut command, &board, APPLICATION);
     checked("cargo", &mut command, "is the toolchain complete?")?;
     let elf = folder.join(TARGET).join("firmware").join(APPLICATION);
     let image = Image::read(&elf)?;

@@ -4,4 +4,8 @@
 //! See docs/updates.md for what is guaranteed and docs/image-format.md for every byte.
 
 pub mod image;
+pub mod loader;
+pub mod slots;
 pub mod status;
+pub mod trust;
+pub mod updater;

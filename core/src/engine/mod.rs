@@ -144,7 +144,7 @@ impl Engine {
             error,
             position: measured.position,
             velocity: measured.velocity,
-            raw: measured.raw,
+            raw: *self.sensors.raw(),
             accumulator: self.throttle.accumulator(),
             current: Amps::from_bits(measured.current),
             bus_voltage: Volts::from_bits(measured.bus_voltage),

@@ -51,6 +51,12 @@ pub struct Reading {
 }
 
 impl Reading {
+    /// Position and velocity 0.
+    pub const ZERO: Self = Self {
+        position: 0,
+        velocity: 0,
+    };
+
     /// The reading of a sensor that counts the other way round.
     #[must_use]
     pub(super) fn reversed_if(self, reverse: bool) -> Self {
@@ -70,7 +76,8 @@ impl Reading {
 pub(super) struct OtherSensors {
     /// The next tick takes a sample: every second one.
     due: bool,
-    started: bool,
+    /// First conversion, and first count of edges: the windows hold the difference from them.
+    first: Option<(i32, u16)>,
     /// Conversion without wraps: its low 10 bits are the conversion itself.
     unwrapped: i32,
     /// Multiple of a turn that is added to the position.
@@ -89,7 +96,7 @@ impl OtherSensors {
     pub(super) const fn new() -> Self {
         Self {
             due: true,
-            started: false,
+            first: None,
             unwrapped: 0,
             offset: 0,
             analog: Window::new(0),
@@ -114,13 +121,15 @@ impl OtherSensors {
     fn take(&mut self, sample: &Sample) {
         // The upper 10 bits of the 12-bit conversion.
         let conversion = i32::from(sample.analog_in >> 2) & TURN_MASK;
-        if !self.started {
-            self.started = true;
-            self.unwrapped = conversion;
-            self.analog = Window::new(conversion);
-            self.rises = sample.encoder_a_rises;
-            self.edge_window = Window::new(self.rises);
-        }
+        let rises = sample.encoder_a_rises;
+        let (first, first_rises) = match self.first {
+            Some(first) => first,
+            None => {
+                self.unwrapped = conversion;
+                self.rises = rises;
+                *self.first.insert((conversion, rises))
+            }
+        };
         let change = conversion - (self.unwrapped & TURN_MASK);
         let turns = if change > WRAP {
             -TURN
@@ -130,15 +139,16 @@ impl OtherSensors {
             0
         };
         self.unwrapped = self.unwrapped.wrapping_add(change + turns);
-        let before = self.analog.slide(self.unwrapped);
+        let before = self.analog.slide(self.unwrapped.wrapping_sub(first));
+        let before = before.wrapping_add(first);
         self.analog_velocity = self.unwrapped.wrapping_sub(before);
         self.potentiometer_velocity = conversion - (before & TURN_MASK);
 
-        let rises = sample.encoder_a_rises;
         let new = i32::from(rises.wrapping_sub(self.rises));
         self.rises = rises;
         self.edges = self.edges.saturating_add(new);
-        self.edge_velocity = i32::from(rises.wrapping_sub(self.edge_window.slide(rises)));
+        let counted = rises.wrapping_sub(first_rises);
+        self.edge_velocity = i32::from(counted.wrapping_sub(self.edge_window.slide(counted)));
     }
 
     /// The analog input as a potentiometer: 0 to 1023.

@@ -26,8 +26,6 @@ pub struct Measured {
     pub position: i32,
     /// Counts per 100 ms, after sensor reversal.
     pub velocity: i32,
-    /// Sensors as they count.
-    pub raw: RawSensors,
     /// Amperes.
     pub current: i32,
     /// Volts.
@@ -43,6 +41,7 @@ pub struct Measured {
 pub struct Sensors {
     encoder: Encoder,
     others: OtherSensors,
+    raw: RawSensors,
     zero: ZeroCurrent,
     set_generation: u32,
 }
@@ -60,9 +59,16 @@ impl Sensors {
         Self {
             encoder: Encoder::new(),
             others: OtherSensors::new(),
+            raw: RawSensors::NONE,
             zero: ZeroCurrent::Averaging { sum: 0, samples: 0 },
             set_generation: 0,
         }
+    }
+
+    /// Every sensor as it counts, where all are followed.
+    #[must_use]
+    pub const fn raw(&self) -> &RawSensors {
+        &self.raw
     }
 
     /// True once the zero of the current sensor is known.
@@ -76,13 +82,12 @@ impl Sensors {
         let order = command.set_position;
         let new = order.generation != self.set_generation;
         self.set_generation = order.generation;
-        let (selected, raw) = match settings.policy.sensors {
+        let selected = match settings.policy.sensors {
             SensorSet::Encoder => {
                 let following = matches!(command.setpoint, Setpoint::Follow(_));
                 let reverse = command.opts.reverse_sensor && !following;
                 let counts = new.then_some(order.counts);
-                let reading = self.encoder.update(settings, sample, counts, reverse);
-                (reading, RawSensors::default())
+                self.encoder.update(settings, sample, counts, reverse)
             }
             SensorSet::All => self.update_all(settings, sample, command, new),
         };
@@ -93,7 +98,6 @@ impl Sensors {
         Measured {
             position: selected.position,
             velocity: selected.velocity,
-            raw,
             current,
             bus_voltage: settings.board.bus_voltage.convert(sample.bus_voltage),
             temperature: settings.board.temperature.convert(sample.temperature),
@@ -112,7 +116,7 @@ impl Sensors {
         sample: &Sample,
         command: &Command,
         new: bool,
-    ) -> (Reading, RawSensors) {
+    ) -> Reading {
         let (opts, order) = (&command.opts, command.set_position);
         self.others.update(sample);
         let mut encoder_order = None;
@@ -144,7 +148,7 @@ impl Sensors {
             SensorSelect::RisingEdges => self.others.rising_edges(),
             SensorSelect::None => Reading::default(),
         };
-        let raw = RawSensors {
+        self.raw = RawSensors {
             encoder,
             analog,
             index_rises: sample.index_rising.edges,
@@ -155,7 +159,7 @@ impl Sensors {
                 analog_in: sample.analog_in,
             },
         };
-        (selected.reversed_if(opts.reverse_sensor), raw)
+        selected.reversed_if(opts.reverse_sensor)
     }
 }
 

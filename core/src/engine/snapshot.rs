@@ -81,6 +81,7 @@ pub struct Sample {
 
 /// What the bridge does until the next tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Actuation {
     /// Every switch of the bridge open: the terminals float. Also the state at reset and on any fault.
     #[default]
@@ -104,6 +105,7 @@ impl Actuation {
 
 /// The control mode that a status frame reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Mode {
     /// Open-loop duty cycle.
     Duty,
@@ -134,6 +136,7 @@ impl Mode {
 
 /// State of the drive, apart from faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DriveState {
     /// Finding the zero of the current sensor after power-on; the output is off.
     #[default]
@@ -150,6 +153,7 @@ pub struct Faults(u8);
 
 /// One fault. The discriminant is its bit position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fault {
     /// Over-current (`fltOverCurrent`).
     OverCurrent = 0,
@@ -269,6 +273,21 @@ pub struct RawSensors {
     pub index_rises: u16,
     /// Conversions.
     pub conversions: Conversions,
+}
+
+impl RawSensors {
+    /// Nothing is followed.
+    pub const NONE: Self = Self {
+        encoder: Reading::ZERO,
+        analog: Reading::ZERO,
+        index_rises: 0,
+        conversions: Conversions {
+            current: 0,
+            bus_voltage: 0,
+            temperature: 0,
+            analog_in: 0,
+        },
+    };
 }
 
 /// Raw 12-bit conversions, 0 to 4095.

@@ -137,8 +137,15 @@ fn signed_term(value: i32, gain: i32) -> i32 {
     shifted(i64::from(value) * i64::from(gain))
 }
 
-/// A product of 63 bits at most in units of 2⁻²² as an integer.
+/// A product of 64 bits in units of 2⁻²² as an integer. On its own: four copies would be larger than the law.
+#[inline(never)]
 fn shifted(product: i64) -> i32 {
-    let units = product / (1 << GAIN_SHIFT);
-    units.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+    // Towards zero: a negative product is moved up by what the shift would round down.
+    let low = (1 << GAIN_SHIFT) - 1;
+    let units = product.wrapping_add((product >> 63) & low) >> GAIN_SHIFT;
+    if units == i64::from(units as i32) {
+        units as i32
+    } else {
+        ((units >> 63) as i32) ^ i32::MAX
+    }
 }

@@ -17,6 +17,8 @@ use wire::{
     ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
 };
 
+use crate::boot::image::PAGE_COUNT;
+use crate::boot::status::BootStatus;
 use crate::dialect::{Bad, Outcome, Request as ParameterQuery};
 use crate::frame::Frame;
 use crate::frc_id::{base, number, with_number};
@@ -66,6 +68,34 @@ pub enum Request {
     SoftReset,
     /// Test the expansion header.
     PinTest(PinTest),
+    /// Erase and write a page: image type and page number as they came.
+    WritePage {
+        /// `PARAM1`.
+        image: u16,
+        /// `PARAM2`.
+        page: u16,
+    },
+    /// Bytes of the transfer that [`Management::expect_data`] asked for.
+    Data(Chunk),
+    /// Tell which pages of an update are stored.
+    GetPageCrcs,
+    /// Put the fallback image back.
+    RestoreFallback,
+    /// Send the state of the slots.
+    GetBootStatus,
+    /// Install a key that comes as so many bytes.
+    InstallKey(u16),
+}
+
+/// Bytes of a transfer, as one frame brought them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chunk {
+    /// Place of the first byte in the transfer.
+    pub offset: usize,
+    /// The frame.
+    pub frame: Frame,
+    /// These are the last bytes.
+    pub is_last: bool,
 }
 
 /// What a frame turned out to be.
@@ -101,6 +131,8 @@ enum Transfer {
         expected: usize,
         data: Vec<u8, DATA_OUT_CAPACITY>,
     },
+    /// Data to the device that its owner keeps.
+    Chunks { expected: usize, received: usize },
     /// Data to the host.
     In {
         data: Vec<u8, DATA_IN_CAPACITY>,
@@ -126,18 +158,19 @@ enum Enumeration {
     },
 }
 
-/// State of the management channel.
+/// State of the management channel. `ANSWERS` is the number of parameter answers that may wait for the bus;
+/// a bootloader, which has no parameters, needs none.
 #[derive(Clone, Debug)]
-pub struct Management {
+pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
     session: Option<u16>,
     image: ImageType,
     enumeration: Enumeration,
     status: Option<VendorStatus>,
     transfer: Transfer,
-    answers: Deque<ParameterResponse, ANSWER_CAPACITY>,
+    answers: Deque<ParameterResponse, ANSWERS>,
 }
 
-impl Management {
+impl<const ANSWERS: usize> Management<ANSWERS> {
     /// A channel that waits for a bus.
     #[must_use]
     pub const fn new(image: ImageType) -> Self {
@@ -187,7 +220,7 @@ impl Management {
                 Decoded::Bad(Bad::Remote)
             }
             id::VENDOR_COMMAND => self.vendor_command(frame),
-            id::VENDOR_DATA_OUT => self.data_out(frame.data()),
+            id::VENDOR_DATA_OUT => self.data_out(frame),
             id::PARAMETER_REQUEST => match ParameterRequest::parse(frame) {
                 Some(request) => {
                     self.for_session(request.session, ParameterQuery::Read(request.parameter))
@@ -223,17 +256,18 @@ impl Management {
         self.status = None;
         self.transfer = Transfer::None;
         let request = match Command::from_code(command.command) {
-            None
-            | Some(
-                Command::EraseWriteFlashPage
-                | Command::GetPageCrcs
-                | Command::RestoreFallback
-                | Command::GetBootStatus
-                | Command::InstallKey,
-            ) => {
+            None => {
                 self.finish(CommandCode::NotSupported);
                 return Decoded::Done;
             }
+            Some(Command::EraseWriteFlashPage) => Request::WritePage {
+                image: command.param1,
+                page: command.param2,
+            },
+            Some(Command::GetPageCrcs) => Request::GetPageCrcs,
+            Some(Command::RestoreFallback) => Request::RestoreFallback,
+            Some(Command::GetBootStatus) => Request::GetBootStatus,
+            Some(Command::InstallKey) => Request::InstallKey(command.param1),
             Some(Command::SetDeviceNumber) => match u8::try_from(command.param1) {
                 Ok(new @ 1..=wire::MAX_DEVICE_NUMBER) => Request::SetNumber(new),
                 _ => {
@@ -271,7 +305,33 @@ impl Management {
         Decoded::Request(request)
     }
 
-    fn data_out(&mut self, bytes: &[u8]) -> Decoded {
+    /// The command that was decoded last is followed by so many bytes, which come as [`Request::Data`].
+    pub fn expect_data(&mut self, expected: usize) {
+        self.transfer = Transfer::Chunks {
+            expected,
+            received: 0,
+        };
+    }
+
+    fn data_out(&mut self, frame: &Frame) -> Decoded {
+        let bytes = frame.data();
+        if let Transfer::Chunks { expected, received } = &mut self.transfer {
+            let offset = *received;
+            *received += bytes.len();
+            let (received, expected) = (*received, *expected);
+            if received >= expected {
+                self.transfer = Transfer::None;
+            }
+            if received > expected {
+                self.finish(CommandCode::DataReceivedMore);
+                return Decoded::Done;
+            }
+            return Decoded::Request(Request::Data(Chunk {
+                offset,
+                frame: *frame,
+                is_last: received == expected,
+            }));
+        }
         let Transfer::Out {
             which,
             expected,
@@ -350,6 +410,21 @@ impl Management {
     /// Sends the flash sequence number, low byte first.
     pub fn send_sequence(&mut self, sequence: u32) {
         self.send(Vec::from_slice(&sequence.to_le_bytes()).unwrap_or_default());
+    }
+
+    /// Sends the state of the slots (`vcmdGetBootStatus`).
+    pub fn send_boot_status(&mut self, status: &BootStatus) {
+        self.send(Vec::from_slice(&status.to_bytes()).unwrap_or_default());
+    }
+
+    /// Sends the CRC of every page, low byte first (`vcmdGetPageCrcs`).
+    pub fn send_page_crcs(&mut self, crcs: &[u32; PAGE_COUNT as usize]) {
+        let mut data = Vec::new();
+        for crc in crcs {
+            // 31 times 4 bytes are less than the capacity.
+            let _ = data.extend_from_slice(&crc.to_le_bytes());
+        }
+        self.send(data);
     }
 
     /// Answers a parameter request; false if too many answers are waiting.
@@ -473,6 +548,32 @@ impl Management {
             Enumeration::SecondReady { .. } => Some(Instant::ZERO),
             Enumeration::Idle | Enumeration::FirstOnTheWay { .. } => None,
         }
+    }
+}
+
+/// Source of session ids.
+///
+/// They are 16 bits of a 64 MHz timer on the DMC60C, and never 0. Here the board's seed and all events so
+/// far take part, so that boards that were switched on together still differ.
+#[derive(Clone, Debug)]
+pub struct SessionIds(u32);
+
+impl SessionIds {
+    /// A source; `seed` differs from board to board.
+    #[must_use]
+    pub const fn new(seed: u32) -> Self {
+        Self(seed)
+    }
+
+    /// The next session id.
+    pub fn draw(&mut self, now: Instant) -> u16 {
+        // Xorshift32 (Marsaglia 2003), whose state must not be 0.
+        let mut x = (self.0 ^ now.as_micros() as u32).max(1);
+        x ^= x << 13;
+        x ^= x >> 17;
+        x ^= x << 5;
+        self.0 = x;
+        ((x >> 16) as u16).max(1)
     }
 }
 

@@ -5,6 +5,9 @@ use super::*;
 use crate::time::Instant;
 use proptest::prelude::*;
 
+/// As in an application.
+type Management = super::Management;
+
 const SESSION: u16 = 0x1234;
 const VERSIONS: FirmwareVersions = FirmwareVersions {
     image: ImageType::Application,
@@ -205,7 +208,7 @@ fn commands_are_compared_as_16_bits() {
     let mut channel = channel();
     assert_eq!(channel.decode(5, &command(0x0161, 0)), Decoded::Done);
     assert_eq!(status(&mut channel), (CommandCode::NotSupported as u16, 0));
-    for unknown in [0, 0x08, 0x4F, 0x63, 0xF2, 0xF5, 0xFFFF] {
+    for unknown in [0, 0x08, 0x4F, 0x63, 0xE5, 0xF5, 0xFFFF] {
         channel.decode(5, &command(unknown, 0));
         assert_eq!(status(&mut channel), (CommandCode::NotSupported as u16, 0));
     }

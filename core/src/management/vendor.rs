@@ -119,6 +119,7 @@ macro_rules! named_codes {
     ) => {
         $(#[$enum_doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub enum $name { $( $(#[$doc])* $variant = $code, )* }
 
         impl $name {

@@ -22,7 +22,7 @@ use crate::frame::Frame;
 use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
 use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
-use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management};
+use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
 use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SaveTimer, Stored, compile};
 use crate::time::Instant;
@@ -46,7 +46,7 @@ pub struct Node {
     reset: Option<Handover>,
     pin_test: Option<PinTest>,
     identify_since: Option<Instant>,
-    random: u32,
+    sessions: SessionIds,
 }
 
 impl Node {
@@ -80,7 +80,7 @@ impl Node {
             reset: None,
             pin_test: None,
             identify_since: None,
-            random: config.seed,
+            sessions: SessionIds::new(config.seed),
         };
         if let Some(handover) = config.handover {
             node.resume(now, handover);
@@ -104,7 +104,7 @@ impl Node {
     pub fn on_frame(&mut self, now: Instant, frame: &Frame, snapshot: &Snapshot) {
         self.counters.received = self.counters.received.wrapping_add(1);
         if self.management.session().is_none() {
-            let session = self.draw_session(now);
+            let session = self.sessions.draw(now);
             self.connect(now, session);
         }
         match self.management.decode(self.stored.number, frame) {
@@ -196,18 +196,6 @@ impl Node {
         self.drive(Setpoint::Off, DriveOpts::default());
     }
 
-    /// Session ids are 16 bits of a 64 MHz timer on the DMC60C, and never 0. Here the board's seed and all
-    /// events so far take part, so that boards that were switched on together still differ.
-    fn draw_session(&mut self, now: Instant) -> u16 {
-        // Xorshift32 (Marsaglia 2003), whose state must not be 0.
-        let mut x = (self.random ^ now.as_micros() as u32).max(1);
-        x ^= x << 13;
-        x ^= x >> 17;
-        x ^= x << 5;
-        self.random = x;
-        ((x >> 16) as u16).max(1)
-    }
-
     fn execute(&mut self, now: Instant, request: management::Request, snapshot: &Snapshot) {
         use management::Request as R;
         match request {
@@ -235,6 +223,13 @@ impl Node {
             R::GetSequence => self.management.send_sequence(self.stored.sequence),
             R::EnterBootloader => self.restart(now, true),
             R::SoftReset => self.restart(now, false),
+            // The slots are the bootloader's, and a page is written there.
+            R::WritePage { .. }
+            | R::Data(_)
+            | R::GetPageCrcs
+            | R::RestoreFallback
+            | R::GetBootStatus
+            | R::InstallKey(_) => self.management.finish(CommandCode::NotSupported),
             R::PinTest(test) => {
                 // The test drives the limit and encoder inputs, which a turning motor needs.
                 if matches!(snapshot.actuation, Actuation::Drive(_)) {
@@ -342,7 +337,7 @@ impl Node {
         match (tag.0, outcome) {
             (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
             (Answer::Enumerate0, TxOutcome::Failed) => {
-                let session = self.draw_session(now);
+                let session = self.sessions.draw(now);
                 self.management.enumerate_0_destroyed(now, session);
             }
             (Answer::Other, _) => {}

@@ -155,7 +155,7 @@ impl Node {
     pub(super) fn parameter_changed(&mut self, now: Instant, id: ParameterId) {
         let policy = self.dialect.kind().policy();
         self.settings = compile::settings(&self.stored.params, &self.config.board, &policy);
-        if id.row().storage == Storage::Persistent {
+        if id.rule().storage == Storage::Persistent {
             self.save_timer.changed(now);
         }
     }

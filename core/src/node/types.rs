@@ -13,6 +13,7 @@ pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
 
 /// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
     /// Session id that goes on.
     pub session: u16,
@@ -70,7 +71,7 @@ pub enum Attempts {
 
 /// Tells the node which of its frames a result belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tag(pub(super) Answer);
+pub struct Tag(pub(crate) Answer);
 
 /// A frame to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +86,7 @@ pub struct Transmission {
 
 /// What became of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TxOutcome {
     /// Sent and acknowledged.
     Sent,
@@ -105,6 +107,7 @@ pub enum Action {
 
 /// Frames counted by what became of them; all wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Frames received, for whomever.
     pub received: u32,
@@ -129,7 +132,7 @@ pub struct Counters {
 }
 
 impl Counters {
-    pub(super) fn count_bad(&mut self, bad: Bad) {
+    pub(crate) fn count_bad(&mut self, bad: Bad) {
         let counter = match bad {
             Bad::Length => &mut self.bad_length,
             Bad::Remote => &mut self.remote,

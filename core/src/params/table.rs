@@ -73,6 +73,16 @@ pub struct Parameter {
     pub unit: &'static str,
 }
 
+/// What a controller has to know of a parameter: its row without the texts for people, which would take as
+/// much room in a microcontroller again.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rule {
+    pub(crate) id: ParameterId,
+    pub(crate) kind: Kind,
+    pub(crate) default: u32,
+    pub(crate) storage: Storage,
+}
+
 macro_rules! parameters {
     ($( $(#[$doc:meta])* $variant:ident = $code:literal, $name:literal, $kind:expr, $default:expr, $storage:ident, $unit:literal; )*) => {
         /// Identifier of a parameter; the discriminant is the number on the wire.
@@ -84,6 +94,11 @@ macro_rules! parameters {
         pub static TABLE: [Parameter; COUNT] = [ $( Parameter {
             id: ParameterId::$variant, name: $name, kind: $kind, default: $default,
             storage: Storage::$storage, unit: $unit,
+        }, )* ];
+
+        /// The rules of [`TABLE`], in its order.
+        pub(crate) static RULES: [Rule; COUNT] = [ $( Rule {
+            id: ParameterId::$variant, kind: $kind, default: $default, storage: Storage::$storage,
         }, )* ];
 
         /// Number of parameters.
@@ -266,7 +281,7 @@ impl ParameterId {
     #[must_use]
     pub fn from_code(code: u8) -> Option<Self> {
         let index = POSITIONS.get(usize::from(code))?;
-        TABLE.get(usize::from(*index)).map(|row| row.id)
+        RULES.get(usize::from(*index)).map(|rule| rule.id)
     }
 
     /// The number on the wire.
@@ -281,6 +296,12 @@ impl ParameterId {
         POSITIONS
             .get(usize::from(self.code()))
             .map_or(COUNT, |index| usize::from(*index))
+    }
+
+    /// The parameter's rule.
+    #[must_use]
+    pub(crate) fn rule(self) -> &'static Rule {
+        RULES.get(self.position()).unwrap_or(&RULES[0])
     }
 
     /// The parameter's row in the table.

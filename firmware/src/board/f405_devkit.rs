@@ -1,69 +1,107 @@
 //! A board with an STM32F405RG, a CAN transceiver, an H-bridge and an encoder; `docs/hardware.md` has the
-//! pin table.
+//! pin table. Alternate functions are those of the STM32F405 data sheet, table 9.
 
-use cortex_m::Peripherals;
-use static_cell::StaticCell;
-use stm32_metapac::{GPIOA, GPIOC, interrupt};
-use windlass_core::engine::snapshot::{Pins, Pulse, Sample};
-use windlass_core::led::{Colour, Leds};
-use windlass_core::management::vendor::{PinTest, TestPin};
-use windlass_core::time::Instant;
+use stm32_metapac::timer::TimGp16;
+use stm32_metapac::{GPIOA, GPIOB, GPIOC, Interrupt, TIM2, interrupt};
+use windlass_core::bridge::Inputs;
+use windlass_core::engine;
+use windlass_core::engine::snapshot::{Pulse, Sample};
 
-use crate::chip::stm32f405::can::Can;
-use crate::chip::stm32f405::{self as chip, bridge, sensors};
-use crate::clock::Clock;
-use crate::control::{Control, Crossing};
-use crate::fault::RECORD;
-use crate::kept::Kept;
-use crate::port::Board;
-use crate::thread::Thread;
-
-pub use bridge::off as bridge_off;
+use super::stm32::{self as board, Description, Panel, Tick};
+use crate::chip::stm32::bridge::{Leg, Wiring};
+use crate::chip::stm32::encoder::Encoder;
+use crate::chip::stm32::{self as chip, Input, Pin};
+use crate::chip::stm32f405::{TIMER_1_MHZ, TIMER_7_MHZ, converter};
 
 /// Crystal in MHz: Olimex H405 and ST's Discovery have 8, the Feather STM32F405 has 12.
 const CRYSTAL_MHZ: u8 = 8;
 
-/// Inputs and outputs on port C.
-const FORWARD_LIMIT: usize = 4;
-const REVERSE_LIMIT: usize = 5;
-const STATUS_RED: usize = 6;
-const STATUS_GREEN: usize = 7;
-const STATUS_BLUE: usize = 8;
-const BRAKE_LED: usize = 9;
-const BUTTON: usize = 10;
+const FORWARD_LIMIT: Pin = Pin(GPIOC, 4);
+const REVERSE_LIMIT: Pin = Pin(GPIOC, 5);
+/// A, B and index, at the first three channels of TIM2 (function 1).
+const ENCODER_PINS: [Pin; 3] = [Pin(GPIOA, 0), Pin(GPIOA, 1), Pin(GPIOA, 2)];
+/// Reports a fault of the gate drivers with a low level.
+const DRIVER_FAULT: Pin = Pin(GPIOB, 12);
+/// Current PC0, bus voltage PC1, temperature PC2, AIN1 PC3.
+const ANALOG: [(Pin, u8); 4] = [
+    (Pin(GPIOC, 0), 10),
+    (Pin(GPIOC, 1), 11),
+    (Pin(GPIOC, 2), 12),
+    (Pin(GPIOC, 3), 13),
+];
 
-static CROSSING: Crossing = Crossing::new();
-/// Static, because they would take up most of the stack.
-static BOARD: StaticCell<Devkit> = StaticCell::new();
-static THREAD: StaticCell<Thread> = StaticCell::new();
+const BOARD: Description = Description {
+    crystal_mhz: CRYSTAL_MHZ,
+    engine: engine::Board::REFERENCE,
+    can: [Pin(GPIOB, 8), Pin(GPIOB, 9)],
+    bridge: Wiring {
+        clock_mhz: TIMER_1_MHZ,
+        plus: Leg {
+            channel: 0,
+            high: (Pin(GPIOA, 8), 1),
+            low: (Pin(GPIOB, 13), 1),
+        },
+        minus: Leg {
+            channel: 1,
+            high: (Pin(GPIOA, 9), 1),
+            low: (Pin(GPIOB, 14), 1),
+        },
+        enable: Some(Pin(GPIOB, 15)),
+        fault: Some((DRIVER_FAULT, 1)),
+        // 1 µs: 168 periods of 5.95 ns, as (64 + 20) × 2.
+        dead_time: 0x80 | 20,
+    },
+    panel: Panel {
+        status: [
+            Some(Pin(GPIOC, 6)),
+            Some(Pin(GPIOC, 7)),
+            Some(Pin(GPIOC, 8)),
+        ],
+        brake: Some(Pin(GPIOC, 9)),
+        button: Some(Pin(GPIOC, 10)),
+    },
+    tick: Interrupt::TIM7,
+    tick_mhz: TIMER_7_MHZ,
+};
+
+// SAFETY: TIM2 has the registers of the timers with 16 bits, with wider counters.
+static ENCODER: Encoder = Encoder::new(unsafe { TimGp16::from_ptr(TIM2.as_ptr()) });
 
 /// The control tick: sample, engine, bridge.
 #[interrupt]
 fn TIM7() {
-    static mut CONTROL: Control = Control::new();
+    static mut TICK: Tick = Tick::new();
     chip::acknowledge_tick();
-    let actuation = CONTROL.tick(&CROSSING, &sample());
-    bridge::apply(actuation);
+    let sample = sample(TICK);
+    TICK.run(&BOARD.bridge, &sample);
+}
+
+#[interrupt]
+fn TIM2() {
+    ENCODER.captured();
 }
 
 /// Everything the board measures. There is no RC-PWM input.
-fn sample() -> Sample {
-    let [current, bus_voltage, temperature, analog_in] = sensors::conversions();
-    let (index_rising, index_falling) = sensors::index();
-    let encoder_a = chip::is_high(GPIOA, 0);
+fn sample(tick: &mut Tick) -> Sample {
+    let [current, bus_voltage, temperature, analog_in] = converter::conversions();
+    let encoder = tick.position.follow(ENCODER.count());
+    let [rising, falling] = ENCODER.index();
+    let [encoder_a, encoder_b, encoder_index] = ENCODER_PINS.map(|pin| Input(Some(pin)));
+    let mut inputs = Inputs {
+        forward_limit: Input(Some(FORWARD_LIMIT)),
+        reverse_limit: Input(Some(REVERSE_LIMIT)),
+        encoder_a,
+        encoder_b,
+        encoder_index,
+        gate_driver_fault_n: Input(Some(DRIVER_FAULT)),
+    };
+    let pins = inputs.read();
     Sample {
-        encoder: sensors::counter(),
-        pins: Pins {
-            forward_limit: chip::is_high(GPIOC, FORWARD_LIMIT),
-            reverse_limit: chip::is_high(GPIOC, REVERSE_LIMIT),
-            encoder_a,
-            encoder_b: chip::is_high(GPIOA, 1),
-            encoder_index: chip::is_high(GPIOA, 2),
-            gate_driver_fault: bridge::fault(),
-        },
-        index_rising,
-        index_falling,
-        encoder_a_rises: sensors::a_rises(encoder_a),
+        encoder,
+        pins,
+        index_rising: tick.position.index(rising),
+        index_falling: tick.position.index(falling),
+        encoder_a_rises: tick.rises.follow(pins.encoder_a),
         current,
         bus_voltage,
         temperature,
@@ -72,121 +110,21 @@ fn sample() -> Sample {
     }
 }
 
-/// The board's part of thread mode.
-struct Devkit {
-    can: Can,
-    clock: Clock,
-    kept: Kept,
-    button: Button,
+/// Every switch of the bridge open, from anywhere.
+pub fn bridge_off() {
+    BOARD.bridge.off();
 }
 
-/// The brake/coast button: counts once when its level has been low for 20 ms.
-#[derive(Default)]
-struct Button {
-    low_ticks: u8,
-}
-
-impl Button {
-    const LOW_TICKS: u8 = 40;
-
-    fn pressed(&mut self, high: bool) -> bool {
-        self.low_ticks = if high {
-            0
-        } else {
-            self.low_ticks.saturating_add(1)
-        };
-        self.low_ticks == Self::LOW_TICKS
-    }
-}
-
-impl Board for Devkit {
-    type Bus = Can;
-
-    fn now(&mut self) -> Instant {
-        self.clock.now(&CROSSING, chip::micros_of_tick)
-    }
-
-    fn bus(&mut self) -> &mut Can {
-        &mut self.can
-    }
-
-    fn kept(&mut self) -> &mut Kept {
-        &mut self.kept
-    }
-
-    /// One RGB LED shows the first of the ring, another one the brake.
-    fn show(&mut self, leds: Leds) {
-        let [first, ..] = leds.ring;
-        let (red, green, blue) = mixed(first);
-        chip::set(GPIOC, STATUS_RED, red);
-        chip::set(GPIOC, STATUS_GREEN, green);
-        chip::set(GPIOC, STATUS_BLUE, blue);
-        chip::set(GPIOC, BRAKE_LED, leds.brake != Colour::Off);
-    }
-
-    fn button_pressed(&mut self) -> bool {
-        self.button.pressed(chip::is_high(GPIOC, BUTTON))
-    }
-
-    /// The header's pins belong to timers and cannot be driven: reported as a failure of the last pin.
-    fn test_pins(&mut self, _: PinTest) -> Option<TestPin> {
-        Some(TestPin::EncoderIndex)
-    }
-
-    fn feed_watchdog(&mut self) {
-        chip::feed_watchdog();
-    }
-
-    fn idle(&mut self) {
-        cortex_m::asm::wfi();
-    }
-}
-
-/// A colour as red, green and blue.
-fn mixed(colour: Colour) -> (bool, bool, bool) {
-    match colour {
-        Colour::Off => (false, false, false),
-        Colour::Red | Colour::Orange => (true, false, false),
-        Colour::Yellow => (true, true, false),
-        Colour::Green => (false, true, false),
-        Colour::Blue => (false, false, true),
-        Colour::Fuchsia => (true, false, true),
-        Colour::Cyan => (false, true, true),
-        Colour::White => (true, true, true),
-    }
-}
-
-/// Starts the hardware, the bridge before anything that can drive it, and runs thread mode.
+/// Starts the board and runs it.
 pub fn run() -> ! {
-    let (board, thread) = build();
-    thread.run(board, &CROSSING)
-}
-
-/// Starts the hardware and makes the node. A function of its own, so that thread mode does not keep the
-/// large stack frame that this takes.
-#[inline(never)]
-fn build() -> (&'static mut Devkit, &'static mut Thread) {
-    let cause = chip::take_reset_cause();
-    chip::start_clocks(CRYSTAL_MHZ);
-    bridge::start();
-    for pin in [FORWARD_LIMIT, REVERSE_LIMIT, BUTTON] {
-        chip::pulled_up(GPIOC, pin);
-    }
-    for pin in [STATUS_RED, STATUS_GREEN, STATUS_BLUE, BRAKE_LED] {
-        chip::output(GPIOC, pin);
-    }
-    let board = BOARD.init_with(|| Devkit {
-        can: Can::default(),
-        clock: Clock::default(),
-        kept: Kept::new(&RECORD, cause, chip::unique_number()),
-        button: Button::default(),
-    });
-    let config = board.kept.node_config();
-    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
-    if let Some(mut core) = Peripherals::take() {
-        sensors::start(&mut core.NVIC);
-        board.can = Can::start(&mut core.NVIC);
-        chip::start_tick(&mut core.NVIC);
-    }
-    (board, thread)
+    board::run(&BOARD, |nvic| {
+        for pin in [FORWARD_LIMIT, REVERSE_LIMIT] {
+            pin.input();
+        }
+        for (pin, _) in ANALOG {
+            pin.analog();
+        }
+        converter::start(ANALOG.map(|(_, channel)| channel));
+        ENCODER.start(nvic, ENCODER_PINS, 1, Interrupt::TIM2);
+    })
 }

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::vec::Vec;
 use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
 use windlass_core::engine::command::Setpoint;
+use windlass_core::engine::snapshot::Fault;
 use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
@@ -43,6 +44,7 @@ struct FakeBoard {
     now: Instant,
     kept: Kept,
     fed: u32,
+    log: Vec<Event>,
 }
 
 impl Board for FakeBoard {
@@ -74,6 +76,10 @@ impl Board for FakeBoard {
         self.fed += 1;
     }
 
+    fn log(&mut self, event: Event) {
+        self.log.push(event);
+    }
+
     fn idle(&mut self) {}
 }
 
@@ -86,8 +92,14 @@ fn start() -> (FakeBoard, Crossing, Thread) {
     let mut board = FakeBoard {
         bus: FakeBus::default(),
         now: Instant::ZERO,
-        kept: Kept::new(record, ResetCause::PowerOn, 1),
+        kept: Kept::new(
+            record,
+            ResetCause::PowerOn,
+            windlass_core::engine::Board::REFERENCE,
+            1,
+        ),
         fed: 0,
+        log: Vec::new(),
     };
     let config = board.kept.node_config();
     let thread = Thread::new(board.now(), &config, None);
@@ -140,6 +152,39 @@ fn the_watchdog_is_fed_once_for_every_tick_and_never_without_one() {
     thread.pass(&mut board, &crossing);
     thread.pass(&mut board, &crossing);
     assert_eq!(board.fed, 1);
+}
+
+#[test]
+fn every_change_is_logged_once() {
+    let (mut board, crossing, mut thread) = start();
+    thread.pass(&mut board, &crossing);
+    assert_eq!(board.log, []);
+    receive(&mut board, Frame::standard(0, []));
+    thread.pass(&mut board, &crossing);
+    let session = thread.node().session().expect("the bus was seen");
+    let faults = Faults::NONE.with(Fault::GateDriver);
+    crossing.snapshot.put(Some(Snapshot {
+        faults,
+        ..Snapshot::default()
+    }));
+    board.bus.dropped = 3;
+    crossing.skip();
+    board.bus.events.push_back(BusEvent::Lost);
+    for _ in 0..10 {
+        thread.pass(&mut board, &crossing);
+    }
+    let expected = [
+        Event::Connected { session },
+        Event::Disconnected,
+        Event::Faults(faults),
+        Event::Dropped(3),
+    ];
+    let changes: Vec<Event> = board
+        .log
+        .into_iter()
+        .filter(|event| *event != Event::Saved)
+        .collect();
+    assert_eq!(changes, expected);
 }
 
 #[test]

@@ -23,6 +23,8 @@ pub enum Kind {
     Refused = 6,
     /// A firmware or key file cannot be used.
     File = 8,
+    /// Ended by Ctrl-C with something left to do.
+    Interrupted = 130,
 }
 
 impl Kind {
@@ -37,6 +39,7 @@ impl Kind {
             Self::NoAnswer => "no-answer",
             Self::Refused => "refused",
             Self::File => "file",
+            Self::Interrupted => "interrupted",
         }
     }
 }
@@ -62,6 +65,22 @@ impl Failure {
             message: message.into(),
             next: next.into(),
         }
+    }
+
+    /// The failure as JSON.
+    #[must_use]
+    pub fn describe(&self) -> serde_json::Value {
+        serde_json::json!({
+            "kind": self.kind.name(),
+            "message": self.message,
+            "next": self.next,
+            "code": self.kind as u8,
+        })
+    }
+
+    /// Prints the failure for people, on standard error.
+    pub fn print(&self) {
+        eprintln!("error: {}\nnext: {}", self.message, self.next);
     }
 }
 
@@ -123,6 +142,8 @@ pub enum Outcome {
     Done,
     /// A self-test failed or a device reports a fault; the report has been printed.
     FaultReported,
+    /// Something failed for some of several devices; that has been printed.
+    Told(Kind),
     /// Ended by Ctrl-C, after leaving the devices in a safe state.
     Interrupted,
 }
@@ -134,6 +155,7 @@ impl Outcome {
         match self {
             Self::Done => 0,
             Self::FaultReported => 7,
+            Self::Told(kind) => kind as u8,
             Self::Interrupted => 130,
         }
     }
@@ -142,18 +164,12 @@ impl Outcome {
 /// Prints an error where it belongs (one `error:` and one `next:` line on standard error, or a JSON
 /// document on standard output) and gives the exit code.
 pub(super) fn report(failure: &Failure, json: bool) -> ExitCode {
-    let code = failure.kind as u8;
     if json {
-        let document = serde_json::json!({"error": {
-            "kind": failure.kind.name(),
-            "message": failure.message,
-            "next": failure.next,
-            "code": code,
-        }});
+        let document = serde_json::json!({"error": failure.describe()});
         // A closed standard output leaves only the exit code to tell the error.
         let _ = super::output::json(&document);
     } else {
-        eprintln!("error: {}\nnext: {}", failure.message, failure.next);
+        failure.print();
     }
-    ExitCode::from(code)
+    ExitCode::from(failure.kind as u8)
 }

@@ -9,7 +9,8 @@ use windlass_core::boot::image::{Hardware, INFO_OFFSET, Identity, InfoBlock, pag
 
 use super::output::{self, say};
 use super::{Failure, Global, Kind, Outcome};
-use crate::client::Version;
+use crate::client::{Selector, Version};
+use crate::flash::{self, Unobserved};
 use crate::image::key::{self, KeyError};
 use crate::image::{Contents, FileError, Format, Image, load};
 
@@ -51,6 +52,19 @@ enum Action {
         /// Path of the files without extension.
         name: PathBuf,
     },
+    /// Let a device accept only images that are signed with a key. This cannot be taken back.
+    InstallKey {
+        /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
+        device: Selector,
+        /// The public key, NAME.pub.
+        key: PathBuf,
+        /// The signing key that belongs to the key which the device holds now.
+        #[arg(long, value_name = "FILE")]
+        replaces: Option<PathBuf>,
+        /// Yes, for good.
+        #[arg(long, required = true)]
+        permanently: bool,
+    },
     /// Check that a file is whole, and signed if a key is given.
     Verify {
         /// A sealed file.
@@ -68,6 +82,12 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
         Action::Pack { file, output } => pack(file, output.as_deref(), global),
         Action::Sign { file, key, output } => sign(file, key, output.as_deref(), global),
         Action::Keygen { name } => keygen(name, global),
+        Action::InstallKey {
+            device,
+            key,
+            replaces,
+            permanently: _,
+        } => install_key(device, key, replaces.as_deref(), global),
         Action::Verify { file, key } => verify(file, key.as_deref(), global),
     }
 }
@@ -331,6 +351,33 @@ fn keygen(name: &Path, global: &Global) -> Result<Outcome, Failure> {
         secret.display()
     )?;
     say!("{}: public key, for devices", public.display())?;
+    Ok(Outcome::Done)
+}
+
+fn install_key(
+    selector: &Selector,
+    key: &Path,
+    replaces: Option<&Path>,
+    global: &Global,
+) -> Result<Outcome, Failure> {
+    let key = key::read_public(key)?;
+    let old = replaces.map(key::read_secret).transpose()?;
+    let order = key::install_order(&key, old.as_ref());
+    let mut client = global.connect()?;
+    let device = client.find(selector)?;
+    flash::install_key(&mut client, &device, &order, &mut Unobserved)?;
+    let fingerprint = key::fingerprint(&key);
+    if global.json {
+        output::json(&json!({
+            "device": device.address.to_string(),
+            "fingerprint": fingerprint,
+        }))?;
+        return Ok(Outcome::Done);
+    }
+    say!(
+        "device {} accepts only images signed with key {fingerprint} from now on",
+        device.address
+    )?;
     Ok(Outcome::Done)
 }
 

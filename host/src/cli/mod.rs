@@ -4,6 +4,7 @@ mod connect;
 pub mod demo;
 mod failure;
 mod faults;
+mod flash;
 mod id;
 mod image;
 mod info;
@@ -11,6 +12,7 @@ mod interrupt;
 mod monitor;
 pub mod output;
 mod param;
+mod progress;
 mod run;
 mod sample;
 mod scan;
@@ -85,6 +87,8 @@ enum Verb {
     Monitor(monitor::Arguments),
     /// Show and clear faults.
     Faults(faults::Arguments),
+    /// Update the firmware of devices.
+    Flash(flash::Arguments),
     /// Look at firmware files, seal and sign them.
     Image(image::Arguments),
     /// Spin a simulated motor and show how to connect to the bench.
@@ -98,7 +102,7 @@ impl Verb {
     const fn ends_by_flag(&self) -> bool {
         matches!(
             self,
-            Self::Run(_) | Self::Monitor(_) | Self::Demo(_) | Self::Sim(_)
+            Self::Run(_) | Self::Monitor(_) | Self::Flash(_) | Self::Demo(_) | Self::Sim(_)
         )
     }
 }
@@ -130,6 +134,7 @@ fn dispatch(verb: &Verb, global: &Global) -> Result<Outcome, Failure> {
         Verb::Run(arguments) => run::run(arguments, global),
         Verb::Monitor(arguments) => monitor::run(arguments, global),
         Verb::Faults(arguments) => faults::run(arguments, global),
+        Verb::Flash(arguments) => flash::run(arguments, global),
         Verb::Image(arguments) => image::run(arguments, global),
         Verb::Demo(arguments) => demo::run(arguments, global),
         Verb::Sim(arguments) => sim::run(arguments, global),

@@ -130,6 +130,9 @@ fn refusal_advice(code: &str) -> &'static str {
         "cercDataRcvMore" | "cercCrcMismatch" => {
             "the transfer was disturbed: run the command again"
         }
+        "cercKeyRefused" => {
+            "the device holds another key: give the signing key that belongs to it with --replaces"
+        }
         "cercFlashWriteFailed" => {
             "the device could not store it: run the command again, else replace the device"
         }

@@ -8,6 +8,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+use windlass_core::boot::trust::key_message;
 
 const SECRET_TITLE: &str = "windlass signing key 1";
 const PUBLIC_TITLE: &str = "windlass public key 1";
@@ -142,6 +143,16 @@ pub fn sign(key: &SigningKey, message: &[u8]) -> [u8; 64] {
 pub fn verify(key: &VerifyingKey, message: &[u8], signature: &[u8; 64]) -> bool {
     key.verify_strict(message, &Signature::from_bytes(signature))
         .is_ok()
+}
+
+/// What a device is sent to install a key: the key, and if it replaces another one, that one's signature.
+#[must_use]
+pub fn install_order(key: &VerifyingKey, replaces: Option<&SigningKey>) -> Vec<u8> {
+    let mut order = key.as_bytes().to_vec();
+    if let Some(old) = replaces {
+        order.extend(sign(old, &key_message(key.as_bytes())));
+    }
+    order
 }
 
 /// The first eight bytes of a public key as hexadecimal digits, to tell keys apart.

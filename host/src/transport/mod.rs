@@ -2,6 +2,7 @@
 
 mod error;
 mod health;
+mod reconnect;
 mod sim;
 mod slcan;
 #[cfg(target_os = "linux")]
@@ -14,6 +15,7 @@ use windlass_core::frame::Frame;
 
 pub use error::BusError;
 pub use health::{Flags, Health};
+pub use reconnect::ReconnectingBus;
 pub use sim::SimBus;
 pub use slcan::{BIT_RATES, SlcanBus, Stream};
 #[cfg(target_os = "linux")]
@@ -93,6 +95,10 @@ impl<B: Bus + ?Sized> Bus for Box<B> {
 impl<B: Bus + ?Sized> Bus for &mut B {
     fn send(&mut self, frame: &Frame) -> Result<(), BusError> {
         (**self).send(frame)
+    }
+
+    fn send_all(&mut self, frames: &[Frame]) -> Result<(), BusError> {
+        (**self).send_all(frames)
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {

@@ -286,6 +286,8 @@ impl TalonSrx {
     }
 
     /// Takes over what the host says, enabled or not.
+    // Not inlined: the two frames that say it would each have a copy.
+    #[inline(never)]
     fn tell(&mut self, general: &General) -> (Setpoint, DriveOpts) {
         self.told = *general;
         let setpoint = setpoint(general);

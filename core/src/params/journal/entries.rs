@@ -36,6 +36,11 @@ impl Key {
     /// Counts of the faults with bits 0 to 3, four bytes.
     pub const FAULT_COUNTS: Self = Self::Other(3);
 
+    /// Smallest anti-rollback counter that the bootloader accepts, four bytes, low byte first.
+    pub const ROLLBACK: Self = Self::Other(0x20);
+    /// Ed25519 public key that images must be signed by, 32 bytes.
+    pub const SIGNING_KEY: Self = Self::Other(0x21);
+
     /// One of the six strings.
     #[must_use]
     pub const fn text(which: crate::management::vendor::Descriptor) -> Self {

@@ -5,6 +5,8 @@
 //! plant on by one tick. Thread mode does everything else. USART2 takes the pokes of the plant.
 
 mod bus;
+#[cfg(feature = "log")]
+mod log;
 mod poke;
 mod rig;
 mod serial;
@@ -16,6 +18,7 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 use static_cell::StaticCell;
 use stm32_metapac as pac;
+use windlass_core::engine;
 use windlass_core::engine::snapshot::Actuation;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
@@ -27,7 +30,7 @@ use crate::clock::Clock;
 use crate::control::{Control, Crossing};
 use crate::fault::RECORD;
 use crate::kept::Kept;
-use crate::port::Board;
+use crate::port::{Board, Event};
 use crate::thread::Thread;
 
 use bus::SlcanBus;
@@ -129,12 +132,21 @@ impl Board for Qemu {
 
     fn feed_watchdog(&mut self) {}
 
+    fn log(&mut self, event: Event) {
+        crate::log::event(event);
+    }
+
     fn idle(&mut self) {
         serial::take_pokes();
         if !bus::FLOOD.load(Ordering::Relaxed) {
             cortex_m::asm::wfi();
         }
     }
+}
+
+/// Time since power-on in µs.
+pub fn micros() -> u64 {
+    CROSSING.micros()
 }
 
 /// Starts the hardware and runs thread mode.
@@ -146,6 +158,7 @@ pub fn run() -> ! {
         chip::start_tick(&mut core.SCB, &mut core.SYST);
     }
     let (board, thread) = build();
+    crate::log::event(Event::Started(board.kept.reset()));
     thread.run(board, &CROSSING)
 }
 
@@ -157,7 +170,7 @@ fn build() -> (&'static mut Qemu, &'static mut Thread) {
     let board = BOARD.init_with(|| Qemu {
         bus: SlcanBus::default(),
         clock: Clock::default(),
-        kept: Kept::new(&RECORD, ResetCause::Unknown, SEED),
+        kept: Kept::new(&RECORD, ResetCause::Unknown, engine::Board::REFERENCE, SEED),
     });
     let config = board.kept.node_config();
     let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));

@@ -1,31 +1,22 @@
 //! CAN1 (bxCAN, 32) as the node's bus. Its interrupts move frames and repeat what was destroyed; nothing
 //! is parsed in them.
 
-use core::cell::RefCell;
-use core::sync::atomic::{AtomicU32, Ordering};
-
 use cortex_m::peripheral::NVIC;
-use critical_section::Mutex;
 use embedded_can::{ExtendedId, Id, StandardId};
-use heapless::Deque;
 use stm32_metapac::can::vals::{Ide, Lec, Rtr};
-use stm32_metapac::{CAN1, GPIOB, Interrupt, interrupt};
+use stm32_metapac::{CAN1, Interrupt, interrupt};
 use windlass_core::frame::Frame;
-use windlass_core::node::{Attempts, Transmission, TxOutcome};
+use windlass_core::node::Transmission;
 use windlass_core::time::Instant;
 
-use super::{PRIORITY_CAN, alternate, enable, pulled_up};
-use crate::latest::Latest;
+use crate::chip::stm32::{PRIORITY_CAN, Pin, enable};
+use crate::mailbox::{Attempt, Mailbox};
 use crate::port::{Bus, BusEvent};
 
-/// Frames that thread mode has not taken yet.
-static RECEIVED: Mutex<RefCell<Deque<Frame, 32>>> = Mutex::new(RefCell::new(Deque::new()));
-/// Frames that found no place, there or in the controller.
-static DROPPED: AtomicU32 = AtomicU32::new(0);
-/// The transmission on its way: how often it may still be destroyed.
-static ON_THE_WAY: Latest<Option<Attempts>> = Latest::new(None);
-/// How the latest transmission ended.
-static ENDED: Latest<Option<TxOutcome>> = Latest::new(None);
+/// Alternate function of every CAN1 pin (data sheet, table 9).
+const FUNCTION: u8 = 9;
+
+static MAILBOX: Mailbox = Mailbox::new();
 
 /// The bus; there is one.
 #[derive(Debug, Default)]
@@ -34,11 +25,11 @@ pub struct Can {
 }
 
 impl Can {
-    /// Starts the controller on PB8 and PB9 with 1 Mbit/s.
-    pub fn start(nvic: &mut NVIC) -> Self {
-        pulled_up(GPIOB, 8);
-        alternate(GPIOB, 8, 9);
-        alternate(GPIOB, 9, 9);
+    /// Starts the controller with 1 Mbit/s.
+    pub fn start(nvic: &mut NVIC, receive: Pin, transmit: Pin) -> Self {
+        receive.pulled_up();
+        receive.alternate(FUNCTION);
+        transmit.alternate(FUNCTION);
         CAN1.mcr().write(|control| {
             control.set_inrq(true);
             // Re-join after bus-off, and leave repetition to the interrupt, which counts.
@@ -82,21 +73,16 @@ impl Bus for Can {
         let newly = lost && !self.lost;
         self.lost = lost;
         if newly {
-            ON_THE_WAY.put(None);
+            MAILBOX.flush();
             CAN1.tsr().write(|status| status.set_abrq(0, true));
-            ENDED.put(None);
             return Some(BusEvent::Lost);
         }
-        if let Some(outcome) = ENDED.take() {
-            return Some(BusEvent::Ended(outcome));
-        }
-        critical_section::with(|token| RECEIVED.borrow_ref_mut(token).pop_front())
-            .map(BusEvent::Received)
+        MAILBOX.poll()
     }
 
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
         let frame = &transmission.frame;
-        ON_THE_WAY.put(Some(transmission.attempts));
+        MAILBOX.start(transmission.attempts);
         let mailbox = CAN1.tx(0);
         mailbox
             .tdtr()
@@ -127,7 +113,7 @@ impl Bus for Can {
     }
 
     fn dropped(&self) -> u32 {
-        DROPPED.load(Ordering::Relaxed)
+        MAILBOX.dropped()
     }
 }
 
@@ -135,14 +121,10 @@ impl Bus for Can {
 fn CAN1_RX0() {
     while CAN1.rfr(0).read().fmp() > 0 {
         if let Some(frame) = read_mailbox() {
-            let kept =
-                critical_section::with(|token| RECEIVED.borrow_ref_mut(token).push_back(frame));
-            if kept.is_err() {
-                count_drop();
-            }
+            MAILBOX.receive(frame);
         }
         if CAN1.rfr(0).read().fovr() {
-            count_drop();
+            MAILBOX.count_drop();
         }
         CAN1.rfr(0).write(|fifo| {
             fifo.set_rfom(true);
@@ -151,11 +133,6 @@ fn CAN1_RX0() {
         // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
         while CAN1.rfr(0).read().rfom() {}
     }
-}
-
-fn count_drop() {
-    let dropped = DROPPED.load(Ordering::Relaxed);
-    DROPPED.store(dropped.wrapping_add(1), Ordering::Relaxed);
 }
 
 fn read_mailbox() -> Option<Frame> {
@@ -187,31 +164,17 @@ fn CAN1_TX() {
     }
     // Writing a one clears the request's flags.
     CAN1.tsr().write(|clear| clear.set_rqcp(0, true));
-    let Some(attempts) = ON_THE_WAY.get() else {
-        return;
-    };
-    if status.txok(0) {
-        end(TxOutcome::Sent);
-        return;
-    }
-    // Lost arbitration and a missing acknowledge are no attempts: the one is only waiting, the other
-    // ends with the loss of the bus.
-    let destroyed = !status.alst(0) && CAN1.esr().read().lec() != Lec::ACK;
-    let left = match attempts {
-        Attempts::AtMost(left) if destroyed => Attempts::AtMost(left.saturating_sub(1)),
-        other => other,
-    };
-    if left == Attempts::AtMost(0) {
-        end(TxOutcome::Failed);
+    // Waiting for a busy bus shows as lost arbitration; a missing acknowledge ends with the loss of the bus.
+    let attempt = if status.txok(0) {
+        Attempt::Sent
+    } else if status.alst(0) || CAN1.esr().read().lec() == Lec::ACK {
+        Attempt::Waiting
     } else {
-        ON_THE_WAY.put(Some(left));
+        Attempt::Destroyed
+    };
+    if MAILBOX.ended(attempt) {
         CAN1.tx(0)
             .tir()
             .modify(|identifier| identifier.set_txrq(true));
     }
-}
-
-fn end(outcome: TxOutcome) {
-    ON_THE_WAY.put(None);
-    ENDED.put(Some(outcome));
 }

@@ -54,8 +54,8 @@ macro_rules! parameters {
         impl Parameter {
             /// The parameter of a number; `None` where none is known.
             #[must_use]
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code { $( $code => Some(Self::$variant), )* _ => None }
+            pub fn from_code(code: u8) -> Option<Self> {
+                TABLE.iter().map(|row| row.id).find(|id| *id as u8 == code)
             }
 
             /// How its value is read.

@@ -1,0 +1,422 @@
+//! The bootloader's node: management channel, identity and updater; no engine, dialect or parameters.
+//!
+//! [`start`] decides at every reset what runs. If the bootloader stays, the platform drives a [`Loader`]
+//! the way it drives a [`Node`](crate::node::Node): frames go to [`Loader::on_frame`], frames to send come
+//! from [`Loader::poll_tx`]. What takes flash operations is done in [`Loader::work`], which the platform
+//! calls after each frame: flash stops the processor for up to two seconds, and only the platform knows
+//! what has to be fed before.
+
+use embedded_storage::nor_flash::NorFlash;
+
+use super::slots::{Booted, Slots, boot};
+use super::status::Reason;
+use super::trust::{KEY_LENGTH, SIGNED_KEY_LENGTH, Trust};
+use super::updater::{TRANSFER_SIZE, Updater};
+use crate::engine::command::Neutral;
+use crate::frame::Frame;
+use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
+use crate::management::vendor::{CommandCode, Descriptor};
+use crate::management::wire::{FirmwareVersions, ImageType, MAX_DEVICE_NUMBER};
+use crate::management::{Answer, Decoded, ENUMERATION_ATTEMPTS, Management, Request, SessionIds};
+use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
+use crate::params::journal::{Change, Content, Journal, Key};
+use crate::params::store::{Descriptors, Text};
+use crate::reset::ResetCause;
+use crate::time::Instant;
+
+/// The memory that the bootloader works on, each part a flash region of its own. The bootloader's own
+/// region is not among them: no command can reach it.
+#[derive(Debug)]
+pub struct Memory<'a, A, F, J> {
+    /// Application and fallback.
+    pub slots: &'a mut Slots<A, F>,
+    /// The settings journal.
+    pub journal: &'a mut Journal,
+    /// Its region.
+    pub settings: &'a mut J,
+}
+
+impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
+    fn save<C: Content>(&mut self, content: &C) -> CommandCode {
+        match self.journal.save(self.settings, content, true) {
+            Ok(_) => CommandCode::NoError,
+            Err(_) => CommandCode::FlashWriteFailed,
+        }
+    }
+
+    fn number(&mut self) -> u8 {
+        match self.journal.get(self.settings, Key::NUMBER).as_deref() {
+            Some([number]) if *number <= MAX_DEVICE_NUMBER => *number,
+            _ => 0,
+        }
+    }
+
+    fn descriptors(&mut self) -> Descriptors {
+        let mut descriptors = Descriptors::default();
+        for which in Descriptor::ALL {
+            if let Some(text) = self.journal.get(self.settings, Key::text(which)) {
+                descriptors.set(which, &text);
+            }
+        }
+        descriptors
+    }
+
+    fn rollback(&mut self) -> u32 {
+        match self.journal.get(self.settings, Key::ROLLBACK).as_deref() {
+            Some([a, b, c, d]) => u32::from_le_bytes([*a, *b, *c, *d]),
+            _ => 0,
+        }
+    }
+
+    fn trust(&mut self, product: u32, hardware: u32) -> Trust {
+        let key = self.journal.get(self.settings, Key::SIGNING_KEY);
+        Trust {
+            product,
+            hardware,
+            rollback: self.rollback(),
+            key: key.map(|bytes| {
+                // A key of another length can sign nothing, and that is what it shall do.
+                bytes.first_chunk().copied().unwrap_or([0; KEY_LENGTH])
+            }),
+        }
+    }
+}
+
+/// Decides what runs, see [`boot`], and keeps the anti-rollback counter of a confirmed image.
+pub fn start<A: NorFlash, F: NorFlash, J: NorFlash>(
+    memory: &mut Memory<'_, A, F, J>,
+    cause: ResetCause,
+    handover: Option<Handover>,
+) -> Booted {
+    let booted = boot(memory.slots, cause, handover);
+    if let (Ok(header), true) = (booted.start, booted.confirmed) {
+        let rollback = header.identity.rollback;
+        if rollback > memory.rollback() {
+            // If that fails, the next boot tries again.
+            let _ = memory.save(&Change {
+                key: Key::ROLLBACK,
+                value: Some(&rollback.to_le_bytes()),
+            });
+        }
+    }
+    booted
+}
+
+/// What a bootloader is made from.
+#[derive(Clone, Copy, Debug)]
+pub struct LoaderConfig {
+    /// `pdid` of the enumeration answer, and the product that images have to be for.
+    pub product_id: u32,
+    /// Hardware that images have to be for.
+    pub hardware: u32,
+    /// Bootloader version (`fwverBoot`).
+    pub bootloader_version: u16,
+    /// Differs from board to board.
+    pub seed: u32,
+    /// Left by the image before, if it restarted on purpose.
+    pub handover: Option<Handover>,
+    /// Why the bootloader stays.
+    pub reason: Reason,
+}
+
+/// What a transfer of data is for.
+#[derive(Clone, Copy, Debug)]
+enum Purpose {
+    Page(u8),
+    Key(usize),
+}
+
+/// Work with the memory that a frame has asked for.
+#[derive(Clone, Debug)]
+enum Work {
+    Request(Request),
+    Transferred(Purpose),
+}
+
+/// The bootloader on the bus.
+#[derive(Clone, Debug)]
+pub struct Loader {
+    config: LoaderConfig,
+    management: Management<1>,
+    updater: Updater,
+    trust: Trust,
+    number: u8,
+    purpose: Purpose,
+    work: Option<Work>,
+    reset: Option<Handover>,
+    identify_since: Option<Instant>,
+    sessions: SessionIds,
+    counters: Counters,
+}
+
+impl Loader {
+    /// A bootloader that stays.
+    #[must_use]
+    pub fn new<A: NorFlash, F: NorFlash, J: NorFlash>(
+        config: &LoaderConfig,
+        memory: &mut Memory<'_, A, F, J>,
+    ) -> Self {
+        let mut loader = Self {
+            config: *config,
+            management: Management::new(ImageType::Bootloader),
+            updater: Updater::new(memory.slots),
+            trust: memory.trust(config.product_id, config.hardware),
+            number: memory.number(),
+            purpose: Purpose::Page(0),
+            work: None,
+            reset: None,
+            identify_since: None,
+            sessions: SessionIds::new(config.seed),
+            counters: Counters::default(),
+        };
+        if let Some(handover) = config.handover {
+            loader.management.start(handover.session);
+            // A reset that ends in the bootloader because there is no application is not answered.
+            if handover.stay_in_bootloader {
+                loader.management.finish(CommandCode::InBootloader);
+            }
+        }
+        loader
+    }
+
+    /// Every frame that the controller receives, whomever it is for.
+    pub fn on_frame(&mut self, now: Instant, frame: &Frame) {
+        self.counters.received = self.counters.received.wrapping_add(1);
+        if self.management.session().is_none() {
+            let session = self.sessions.draw(now);
+            self.management.start(session);
+        }
+        match self.management.decode(self.number, frame) {
+            Decoded::NotMine => self.counters.ignored = self.counters.ignored.wrapping_add(1),
+            Decoded::Done => {}
+            Decoded::Request(request) => self.execute(now, request),
+            Decoded::Bad(bad) => self.counters.count_bad(bad),
+        }
+    }
+
+    fn execute(&mut self, now: Instant, request: Request) {
+        match request {
+            Request::Enumerate => self.management.enumerate(now, self.number),
+            Request::Identify => {
+                self.identify_since = Some(now);
+                self.management.finish(CommandCode::NoError);
+            }
+            Request::GetVersions => {
+                let versions = self.versions();
+                self.management.send_versions(versions);
+            }
+            Request::SoftReset => {
+                let stay_in_bootloader = false;
+                self.reset = self.management.session().map(|session| Handover {
+                    session,
+                    stay_in_bootloader,
+                });
+            }
+            Request::WritePage { image, page } => match Updater::expect(image, page) {
+                Ok(page) => self.expect(Purpose::Page(page), TRANSFER_SIZE),
+                Err(code) => self.management.finish(code),
+            },
+            Request::InstallKey(length) => self.expect_key(usize::from(length)),
+            Request::Data(chunk) => {
+                self.updater.take(chunk.offset, chunk.frame.data());
+                if chunk.is_last {
+                    self.work = Some(Work::Transferred(self.purpose));
+                }
+            }
+            // Neither answered by a bootloader nor decoded by its management channel.
+            Request::Parameter(_) | Request::EnterBootloader => {}
+            Request::PinTest(_) => self.management.finish(CommandCode::NotSupported),
+            request => self.work = Some(Work::Request(request)),
+        }
+    }
+
+    fn expect(&mut self, purpose: Purpose, length: usize) {
+        self.purpose = purpose;
+        self.management.expect_data(length);
+    }
+
+    fn expect_key(&mut self, length: usize) {
+        match length {
+            _ if !cfg!(feature = "signed") => self.management.finish(CommandCode::NotSupported),
+            KEY_LENGTH | SIGNED_KEY_LENGTH => self.expect(Purpose::Key(length), length),
+            _ => self.management.finish(CommandCode::BadParameter),
+        }
+    }
+
+    /// Does what the last frame has asked for; true if it was anything. May take as long as the flash needs
+    /// to erase the largest unit.
+    pub fn work<A: NorFlash, F: NorFlash, J: NorFlash>(
+        &mut self,
+        memory: &mut Memory<'_, A, F, J>,
+    ) -> bool {
+        let Some(work) = self.work.take() else {
+            return false;
+        };
+        match work {
+            Work::Transferred(Purpose::Page(page)) => {
+                let code = self.updater.write(memory.slots, &self.trust, page);
+                self.management.finish(code);
+            }
+            Work::Transferred(Purpose::Key(length)) => self.install_key(memory, length),
+            Work::Request(request) => self.do_request(memory, &request),
+        }
+        true
+    }
+
+    fn do_request<A: NorFlash, F: NorFlash, J: NorFlash>(
+        &mut self,
+        memory: &mut Memory<'_, A, F, J>,
+        request: &Request,
+    ) {
+        match request {
+            Request::SetNumber(number) => {
+                let code = memory.save(&Change {
+                    key: Key::NUMBER,
+                    value: Some(&[*number]),
+                });
+                if code == CommandCode::NoError {
+                    self.number = *number;
+                }
+                self.management.finish(code);
+            }
+            Request::SetDescriptor(which, text) => {
+                let code = set_descriptor(memory, *which, text);
+                self.management.finish(code);
+            }
+            Request::GetDescriptors => self.management.send_descriptors(&memory.descriptors()),
+            Request::GetSequence => self.management.send_sequence(memory.journal.sequence()),
+            Request::GetPageCrcs => {
+                let crcs = memory.slots.application.stored_crcs();
+                self.management.send_page_crcs(&crcs);
+            }
+            Request::RestoreFallback => {
+                let code = self.updater.restore(memory.slots);
+                self.management.finish(code);
+            }
+            Request::GetBootStatus => {
+                let reason = self.config.reason;
+                let status = self.updater.status(memory.slots, &self.trust, reason);
+                self.management.send_boot_status(&status);
+            }
+            _ => {}
+        }
+    }
+
+    fn install_key<A: NorFlash, F: NorFlash, J: NorFlash>(
+        &mut self,
+        memory: &mut Memory<'_, A, F, J>,
+        length: usize,
+    ) {
+        let order = self.updater.data().get(..length).unwrap_or(&[]);
+        let code = match self.trust.admits_key(order) {
+            None => CommandCode::KeyRefused,
+            Some(key) => {
+                let code = memory.save(&Change {
+                    key: Key::SIGNING_KEY,
+                    value: Some(&key),
+                });
+                if code == CommandCode::NoError {
+                    self.trust.key = Some(key);
+                }
+                code
+            }
+        };
+        self.management.finish(code);
+    }
+
+    /// The controller has become error passive or bus-off and has flushed its transmit queue.
+    pub fn on_bus_lost(&mut self) {
+        if self.management.session().is_some() {
+            self.management.stop();
+            self.counters.bus_losses = self.counters.bus_losses.wrapping_add(1);
+        }
+    }
+
+    /// The next frame to send; see [`Node::poll_tx`](crate::node::Node::poll_tx).
+    pub fn poll_tx(&mut self, now: Instant) -> Option<Transmission> {
+        let versions = self.versions();
+        let (number, product_id) = (self.number, self.config.product_id);
+        let (frame, answer) = self.management.encode(now, number, product_id, versions)?;
+        let attempts = match answer {
+            Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
+            Answer::Other => Attempts::UntilSent,
+        };
+        Some(Transmission {
+            frame,
+            tag: Tag(answer),
+            attempts,
+        })
+    }
+
+    /// A transmission has ended.
+    pub fn on_transmitted(&mut self, now: Instant, tag: Tag, outcome: TxOutcome) {
+        match (tag.0, outcome) {
+            (Answer::Enumerate0, TxOutcome::Sent) => self.management.enumerate_0_sent(),
+            (Answer::Enumerate0, TxOutcome::Failed) => {
+                let session = self.sessions.draw(now);
+                self.management.enumerate_0_destroyed(now, session);
+            }
+            (Answer::Other, _) => {}
+        }
+    }
+
+    /// When [`Loader::poll_tx`] has something to send next, apart from new frames.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Instant> {
+        self.management.next_deadline()
+    }
+
+    /// The restart that was asked for, to be carried out with this handover.
+    pub fn take_reset(&mut self) -> Option<Handover> {
+        self.reset.take()
+    }
+
+    fn versions(&self) -> FirmwareVersions {
+        FirmwareVersions {
+            image: ImageType::Bootloader,
+            application: self.updater.version(),
+            bootloader: self.config.bootloader_version,
+        }
+    }
+
+    /// What the LEDs show. The bridge floats while the bootloader runs.
+    #[must_use]
+    pub fn leds(&self, now: Instant) -> Leds {
+        let indication = match self.identify_since {
+            Some(since) if now.since(since) < IDENTIFY_TIME => {
+                Indication::Identify(now.since(since))
+            }
+            _ => Indication::Bootloader,
+        };
+        led::leds(now, indication, Neutral::Coast)
+    }
+
+    /// Frames by what became of them.
+    #[must_use]
+    pub const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Device number, 0 = none assigned.
+    #[must_use]
+    pub const fn number(&self) -> u8 {
+        self.number
+    }
+
+    /// Session id; none while no bus is seen.
+    #[must_use]
+    pub const fn session(&self) -> Option<u16> {
+        self.management.session()
+    }
+}
+
+fn set_descriptor<A: NorFlash, F: NorFlash, J: NorFlash>(
+    memory: &mut Memory<'_, A, F, J>,
+    which: Descriptor,
+    text: &Text,
+) -> CommandCode {
+    memory.save(&Change {
+        key: Key::text(which),
+        value: Some(text.get(..which.capacity().min(text.len())).unwrap_or(&[])),
+    })
+}

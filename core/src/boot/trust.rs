@@ -1,0 +1,144 @@
+//! Which images a controller accepts: its product, its hardware, no older than it has seen, and signed once
+//! a key is installed.
+
+use embedded_storage::nor_flash::NorFlash;
+
+use super::image::Header;
+use super::slots::Slot;
+use crate::management::vendor::CommandCode;
+
+/// Bytes of an Ed25519 public key (RFC 8032).
+pub const KEY_LENGTH: usize = 32;
+/// Bytes of an order to replace the installed key: the new key and its signature by the installed one.
+pub const SIGNED_KEY_LENGTH: usize = KEY_LENGTH + super::image::SIGNATURE_LENGTH;
+/// Keeps the signature of a key from being taken for one over an image.
+pub const KEY_DOMAIN: [u8; 16] = *b"windlass key 1\0\0";
+
+/// An Ed25519 public key.
+pub type Key = [u8; KEY_LENGTH];
+
+/// What a controller asks of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trust {
+    /// Product id.
+    pub product: u32,
+    /// Hardware id.
+    pub hardware: u32,
+    /// Smallest anti-rollback counter.
+    pub rollback: u32,
+    /// The key that must have signed it, if one is installed.
+    pub key: Option<Key>,
+}
+
+impl Trust {
+    /// Judges an image by its header, before anything is written. `room` are the pages that the slot has.
+    ///
+    /// # Errors
+    /// The result code of the first thing that is wrong: `WrongProduct`, `WrongHardware`,
+    /// `RollbackRefused`, or `BadSignature` if a signature is asked for and there is none.
+    pub const fn admits(&self, header: &Header, room: u32) -> Result<(), CommandCode> {
+        let identity = &header.identity;
+        if identity.product != self.product {
+            return Err(CommandCode::WrongProduct);
+        }
+        if identity.hardware != self.hardware || header.pages & !room != 0 {
+            return Err(CommandCode::WrongHardware);
+        }
+        if identity.rollback < self.rollback {
+            return Err(CommandCode::RollbackRefused);
+        }
+        if self.key.is_some() && header.signature.is_none() {
+            return Err(CommandCode::BadSignature);
+        }
+        Ok(())
+    }
+
+    /// Judges an order to install a key: free while none is installed, else signed by the installed one.
+    #[must_use]
+    pub fn admits_key(&self, order: &[u8]) -> Option<Key> {
+        let key = order.first_chunk::<KEY_LENGTH>()?;
+        let rest = order.get(KEY_LENGTH..)?;
+        let admitted = match &self.key {
+            None => rest.is_empty(),
+            Some(present) => signature::is_by(present, &key_message(key), rest),
+        };
+        (admitted && signature::is_key(key)).then_some(*key)
+    }
+}
+
+/// What is signed to replace a key.
+#[must_use]
+pub fn key_message(key: &Key) -> [u8; 48] {
+    let mut message = [0; 48];
+    for (to, from) in message.iter_mut().zip(KEY_DOMAIN.iter().chain(key)) {
+        *to = *from;
+    }
+    message
+}
+
+/// True if no key is installed or the stored image carries its signature.
+pub(super) fn is_trusted<F: NorFlash>(slot: &mut Slot<F>, header: &Header, trust: &Trust) -> bool {
+    match &trust.key {
+        None => true,
+        Some(key) => signature::covers(slot, header, key),
+    }
+}
+
+#[cfg(feature = "signed")]
+mod signature {
+    use embedded_storage::nor_flash::NorFlash;
+    use salty::{PublicKey, Sha512, Signature};
+
+    use super::Key;
+    use crate::boot::image::{Header, SIGNATURE_LENGTH, signed_message, verify};
+    use crate::boot::slots::Slot;
+
+    /// True if `key` has signed the image in the slot.
+    pub(super) fn covers<F: NorFlash>(slot: &mut Slot<F>, header: &Header, key: &Key) -> bool {
+        let Some(signature) = &header.signature else {
+            return false;
+        };
+        let mut hash = Sha512::new();
+        if verify(slot, |bytes| hash.update(bytes)) != Ok(*header) {
+            return false;
+        }
+        is_by(key, &signed_message(header, &hash.finalize()), signature)
+    }
+
+    /// True if `key` has made the signature of the message.
+    pub(super) fn is_by(key: &Key, message: &[u8], signature: &[u8]) -> bool {
+        let Ok(signature) = <&[u8; SIGNATURE_LENGTH]>::try_from(signature) else {
+            return false;
+        };
+        PublicKey::try_from(key)
+            .is_ok_and(|key| key.verify(message, &Signature::from(signature)).is_ok())
+    }
+
+    /// True if the bytes are a public key at all: a controller with another one accepts nothing any more.
+    pub(super) fn is_key(key: &Key) -> bool {
+        PublicKey::try_from(key).is_ok()
+    }
+}
+
+#[cfg(not(feature = "signed"))]
+mod signature {
+    //! This build knows no signatures: with a key installed it accepts nothing, and it installs none.
+
+    use embedded_storage::nor_flash::NorFlash;
+
+    use super::Key;
+    use crate::boot::image::Header;
+    use crate::boot::slots::Slot;
+
+    pub(super) fn covers<F: NorFlash>(_: &mut Slot<F>, _: &Header, _: &Key) -> bool {
+        false
+    }
+
+    pub(super) fn is_by(_: &Key, _: &[u8], _: &[u8]) -> bool {
+        false
+    }
+
+    pub(super) fn is_key(_: &Key) -> bool {
+        false
+    }
+}

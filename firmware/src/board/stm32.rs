@@ -1,0 +1,226 @@
+//! What all STM32 boards do in the same way: start, thread mode's part and the tick's. A board's own file says
+//! what is connected where.
+
+use cortex_m::Peripherals;
+use cortex_m::peripheral::NVIC;
+use static_cell::StaticCell;
+use stm32_metapac::Interrupt;
+use windlass_core::engine;
+use windlass_core::engine::snapshot::{Actuation, Sample};
+use windlass_core::led::{Colour, Leds};
+use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::time::Instant;
+
+use crate::button::Button;
+use crate::chip::family;
+use crate::chip::family::can::Can;
+use crate::chip::stm32::bridge::{Stage, Wiring};
+use crate::chip::stm32::{self as chip, Pin};
+use crate::clock::Clock;
+use crate::control::{Control, Crossing};
+use crate::count::{Position, Rises};
+use crate::fault::RECORD;
+use crate::kept::Kept;
+use crate::log;
+use crate::port::{Board, Event};
+use crate::thread::Thread;
+
+pub(super) static CROSSING: Crossing = Crossing::new();
+/// Static, because they would take up most of the stack.
+static BOARD: StaticCell<Controller> = StaticCell::new();
+static THREAD: StaticCell<Thread> = StaticCell::new();
+
+/// Lights and button. Pins that a board does not have are left out.
+#[derive(Clone, Copy)]
+pub(super) struct Panel {
+    /// Red, green and blue of the first LED of the ring; a single one lights for every colour.
+    pub(super) status: [Option<Pin>; 3],
+    /// Brake LED.
+    pub(super) brake: Option<Pin>,
+    /// Brake/coast button to ground.
+    pub(super) button: Option<Pin>,
+}
+
+/// What a board is made of.
+pub(super) struct Description {
+    /// Crystal in MHz.
+    pub(super) crystal_mhz: u8,
+    /// Conversion factors and limits.
+    pub(super) engine: engine::Board,
+    /// Receive and transmit pin of the CAN transceiver.
+    pub(super) can: [Pin; 2],
+    /// The bridge.
+    pub(super) bridge: Wiring,
+    /// Lights and button.
+    pub(super) panel: Panel,
+    /// Interrupt of the tick timer.
+    pub(super) tick: Interrupt,
+    /// Clock of the tick timer in MHz.
+    pub(super) tick_mhz: u32,
+}
+
+/// What the tick's interrupt owns.
+pub(super) struct Tick {
+    control: Control,
+    stage: Option<Stage>,
+    /// Position of the encoder.
+    pub(super) position: Position,
+    /// Rising edges of QEA.
+    pub(super) rises: Rises,
+}
+
+impl Tick {
+    /// Nothing has been measured yet.
+    pub(super) const fn new() -> Self {
+        Self {
+            control: Control::new(),
+            stage: None,
+            position: Position::new(),
+            rises: Rises::new(),
+        }
+    }
+
+    /// One tick after the measurement: engine, bridge.
+    #[inline]
+    pub(super) fn run(&mut self, wiring: &Wiring, sample: &Sample) -> Actuation {
+        let actuation = self.control.tick(&CROSSING, sample);
+        if self.stage.is_none() {
+            self.stage = wiring.stage();
+        }
+        if let Some(stage) = &mut self.stage {
+            // Pins of this chip do not fail, and a bridge that fails has switched itself off.
+            let _ = stage.apply(actuation);
+        }
+        actuation
+    }
+}
+
+/// The board's part of thread mode.
+struct Controller {
+    can: Can,
+    clock: Clock,
+    kept: Kept,
+    button: Button,
+    panel: Panel,
+}
+
+impl Board for Controller {
+    type Bus = Can;
+
+    fn now(&mut self) -> Instant {
+        self.clock.now(&CROSSING, chip::micros_of_tick)
+    }
+
+    fn bus(&mut self) -> &mut Can {
+        &mut self.can
+    }
+
+    fn kept(&mut self) -> &mut Kept {
+        &mut self.kept
+    }
+
+    fn show(&mut self, leds: Leds) {
+        let [first, ..] = leds.ring;
+        let (red, green, blue) = mixed(first);
+        match self.panel.status {
+            [Some(only), None, None] => only.set(red || green || blue),
+            pins => {
+                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
+                    if let Some(pin) = pin {
+                        pin.set(on);
+                    }
+                }
+            }
+        }
+        if let Some(brake) = self.panel.brake {
+            brake.set(leds.brake != Colour::Off);
+        }
+    }
+
+    fn button_pressed(&mut self) -> bool {
+        self.button
+            .pressed(self.panel.button.is_none_or(Pin::is_high))
+    }
+
+    /// The header's pins belong to timers and cannot be driven: reported as a failure of the last pin.
+    fn test_pins(&mut self, _: PinTest) -> Option<TestPin> {
+        Some(TestPin::EncoderIndex)
+    }
+
+    fn feed_watchdog(&mut self) {
+        chip::feed_watchdog();
+    }
+
+    fn log(&mut self, event: Event) {
+        log::event(event);
+    }
+
+    fn idle(&mut self) {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A colour as red, green and blue.
+fn mixed(colour: Colour) -> (bool, bool, bool) {
+    match colour {
+        Colour::Off => (false, false, false),
+        Colour::Red | Colour::Orange => (true, false, false),
+        Colour::Yellow => (true, true, false),
+        Colour::Green => (false, true, false),
+        Colour::Blue => (false, false, true),
+        Colour::Fuchsia => (true, false, true),
+        Colour::Cyan => (false, true, true),
+        Colour::White => (true, true, true),
+    }
+}
+
+/// Time since power-on in µs.
+pub fn micros() -> u64 {
+    CROSSING.micros()
+}
+
+/// Starts the hardware, the bridge before anything that can drive it, and runs thread mode. `start_sensors` starts
+/// converter, encoder and what else the board's sample is made of.
+pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVIC)) -> ! {
+    let (board, thread) = build(description, start_sensors);
+    log::event(Event::Started(board.kept.reset()));
+    log::brown_out_level(family::brown_out_level(), family::BROWN_OUT_LEVEL);
+    thread.run(board, &CROSSING)
+}
+
+/// Starts the hardware and makes the node. A function of its own, so that thread mode does not keep the
+/// large stack frame that this takes.
+#[inline(never)]
+fn build(
+    description: &Description,
+    start_sensors: impl FnOnce(&mut NVIC),
+) -> (&'static mut Controller, &'static mut Thread) {
+    let cause = family::take_reset_cause(&RECORD);
+    family::start_clocks(description.crystal_mhz);
+    description.bridge.start();
+    let panel = description.panel;
+    for pin in panel.status.into_iter().chain([panel.brake]).flatten() {
+        pin.output();
+    }
+    if let Some(button) = panel.button {
+        button.input();
+    }
+    let board = BOARD.init_with(|| Controller {
+        can: Can::default(),
+        clock: Clock::default(),
+        kept: Kept::new(&RECORD, cause, description.engine, chip::unique_number()),
+        button: Button::default(),
+        panel,
+    });
+    let config = board.kept.node_config();
+    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
+    if let Some(mut core) = Peripherals::take() {
+        let nvic = &mut core.NVIC;
+        family::watch_supply(nvic);
+        start_sensors(nvic);
+        let [receive, transmit] = description.can;
+        board.can = Can::start(nvic, receive, transmit);
+        chip::start_tick(nvic, description.tick, description.tick_mhz);
+    }
+    (board, thread)
+}

@@ -1,0 +1,190 @@
+//! What the STM32 families of this project have in common, register by register: pins, watchdog, tick timer,
+//! H-bridge timer and encoder timer. What differs (clocks, CAN, converter) stands beside, one folder each.
+//!
+//! Section numbers are those of RM0090 (STM32F405, revision 20) and RM0440 (STM32G4, revision 8), in this
+//! order. A bootloader needs nothing of [`bridge`] and [`encoder`].
+
+pub mod bridge;
+pub mod encoder;
+
+use core::convert::Infallible;
+
+use cortex_m::peripheral::NVIC;
+use embedded_hal::digital::{ErrorType, InputPin};
+use stm32_metapac::gpio::Gpio;
+use stm32_metapac::gpio::regs::Bsrr;
+use stm32_metapac::gpio::vals::{Moder, Pupdr};
+use stm32_metapac::iwdg::vals::Key;
+use stm32_metapac::{EXTI, IWDG, Interrupt, TIM7, UID};
+use windlass_core::time::TICK;
+
+use crate::fault;
+use crate::record::Cause;
+
+/// Priorities; the chips implement the upper four bits (PM0214, 4.4.4). Lower numbers preempt.
+const PRIORITY_SUPPLY: u8 = 0x00;
+const PRIORITY_TICK: u8 = 0x10;
+const PRIORITY_INDEX: u8 = 0x40;
+pub(super) const PRIORITY_CAN: u8 = 0x80;
+
+/// Watchdog period: LSI / 4 counts 8000 per second (21.4.2; 42.4.2), 17 to 47 kHz instead of 32 over all parts
+/// make 14 to 38 ms of these 20.
+const WATCHDOG_RELOAD: u16 = 160;
+
+/// Line of the supply detector among the external interrupts (12.2.5; 15.3, table 103).
+const SUPPLY_LINE: usize = 16;
+
+/// A pin of a port.
+#[derive(Clone, Copy)]
+pub struct Pin(pub Gpio, pub usize);
+
+impl Pin {
+    /// Gives the pin to a peripheral (8.3.2; 9.3.2).
+    #[inline]
+    pub fn alternate(self, function: u8) {
+        let Self(port, pin) = self;
+        port.afr(pin / 8)
+            .modify(|select| select.set_afr(pin % 8, function));
+        self.mode(Moder::ALTERNATE);
+    }
+
+    /// Makes it an analog input.
+    #[inline]
+    pub fn analog(self) {
+        self.mode(Moder::ANALOG);
+    }
+
+    /// Makes it an input with its pull-up.
+    #[inline]
+    pub fn input(self) {
+        self.pulled_up();
+        self.mode(Moder::INPUT);
+    }
+
+    /// Switches the pull-up on, whatever the pin is used for.
+    #[inline]
+    pub fn pulled_up(self) {
+        let Self(port, pin) = self;
+        port.pupdr()
+            .modify(|pull| pull.set_pupdr(pin, Pupdr::PULL_UP));
+    }
+
+    /// Makes it an output, low.
+    #[inline]
+    pub fn output(self) {
+        self.set(false);
+        self.mode(Moder::OUTPUT);
+    }
+
+    #[inline]
+    fn mode(self, mode: Moder) {
+        let Self(port, pin) = self;
+        port.moder().modify(|modes| modes.set_moder(pin, mode));
+    }
+
+    /// Sets an output.
+    #[inline]
+    pub fn set(self, high: bool) {
+        let Self(port, pin) = self;
+        // The lower half sets, the upper half resets (8.4.7; 9.4.7).
+        let bit = if high { pin } else { pin + 16 };
+        port.bsrr()
+            .write_value(Bsrr(1_u32.wrapping_shl(bit as u32)));
+    }
+
+    /// Level of an input.
+    #[inline]
+    #[must_use]
+    pub fn is_high(self) -> bool {
+        let Self(port, pin) = self;
+        port.idr().read().0.wrapping_shr(pin as u32) & 1 != 0
+    }
+}
+
+/// An input of the controller, which a board may not have: it then reads high, as if nothing were connected.
+#[derive(Clone, Copy)]
+pub struct Input(pub Option<Pin>);
+
+impl ErrorType for Input {
+    type Error = Infallible;
+}
+
+impl InputPin for Input {
+    #[inline]
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.is_none_or(Pin::is_high))
+    }
+
+    #[inline]
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        Ok(!self.0.is_none_or(Pin::is_high))
+    }
+}
+
+/// Starts the watchdog (21.3; 42.3). Before the clocks, so that a crystal that does not start ends in a reset.
+pub fn start_watchdog() {
+    IWDG.kr().write(|key| key.set_key(Key::START));
+    IWDG.kr().write(|key| key.set_key(Key::ENABLE));
+    IWDG.rlr().write(|reload| reload.set_rl(WATCHDOG_RELOAD));
+    feed_watchdog();
+}
+
+/// Restarts the watchdog's period.
+pub fn feed_watchdog() {
+    IWDG.kr().write(|key| key.set_key(Key::RESET));
+}
+
+/// Lets the supply detector interrupt when the supply falls below its threshold; its output rises then.
+pub(super) fn watch_supply(nvic: &mut NVIC, interrupt: Interrupt) {
+    EXTI.rtsr(0)
+        .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+    EXTI.imr(0)
+        .modify(|lines| lines.set_line(SUPPLY_LINE, true));
+    enable(nvic, interrupt, PRIORITY_SUPPLY);
+}
+
+/// The supply of the chip is too low to go on: bridge off and reset. The next start waits until it is back.
+pub(super) fn supply_is_low() -> ! {
+    fault::end(Cause::SupplyLow)
+}
+
+/// Starts the control tick: TIM7 counts microseconds and overflows every 500 (20.3; 31.3). `clock_mhz` is its
+/// clock.
+pub fn start_tick(nvic: &mut NVIC, interrupt: Interrupt, clock_mhz: u32) {
+    TIM7.psc().write_value((clock_mhz - 1) as u16);
+    TIM7.arr()
+        .write(|top| top.set_arr(TICK.as_micros() as u16 - 1));
+    TIM7.egr().write(|event| event.set_ug(true));
+    acknowledge_tick();
+    TIM7.dier().write(|enable| enable.set_uie(true));
+    TIM7.cr1().write(|control| control.set_cen(true));
+    enable(nvic, interrupt, PRIORITY_TICK);
+}
+
+/// The tick interrupt has been seen.
+#[inline]
+pub fn acknowledge_tick() {
+    TIM7.sr().write(|status| status.set_uif(false));
+}
+
+/// Microseconds since the latest tick.
+#[must_use]
+pub fn micros_of_tick() -> u32 {
+    u32::from(TIM7.cnt().read().cnt())
+}
+
+pub(super) fn enable(nvic: &mut NVIC, interrupt: Interrupt, priority: u8) {
+    // SAFETY: the handler exists, the interrupt was not enabled before, and no critical section of this
+    // program relies on priorities.
+    unsafe {
+        nvic.set_priority(interrupt, priority);
+        NVIC::unmask(interrupt);
+    }
+}
+
+/// A number that differs from chip to chip: the unique device identifier (39.1; 48.1), folded.
+#[must_use]
+pub fn unique_number() -> u32 {
+    let [one, two, three] = [UID.uid(0).read(), UID.uid(1).read(), UID.uid(2).read()];
+    one ^ two.rotate_left(11) ^ three.rotate_left(22)
+}

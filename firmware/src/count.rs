@@ -1,0 +1,111 @@
+//! Counting in the tick: a position of 32 bits from a hardware counter of 16, and edges of a pin.
+
+use windlass_core::engine::snapshot::IndexCapture;
+
+/// Follows a quadrature counter of 16 bits, which has to be read at least once every 32,767 counts: once a
+/// tick is enough up to 65 million counts per second.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Position(u32);
+
+impl Position {
+    /// Counter at 0.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(0)
+    }
+
+    /// The position at the present count; wraps.
+    pub fn follow(&mut self, count: u16) -> u32 {
+        self.0 = self.near(count);
+        self.0
+    }
+
+    /// The position at a count that was captured a short while ago.
+    #[must_use]
+    pub fn near(&self, count: u16) -> u32 {
+        let step = count.wrapping_sub(self.0 as u16) as i16;
+        self.0.wrapping_add_signed(i32::from(step))
+    }
+
+    /// An index edge with its captured count.
+    #[must_use]
+    pub fn index(&self, (edges, count): (u16, u16)) -> IndexCapture {
+        IndexCapture {
+            edges,
+            count: self.near(count),
+        }
+    }
+}
+
+/// Counts rising edges of a pin that is read once a tick. The timers count quadrature and no single channel,
+/// so a level that lasts for less than a tick is missed: good for 1000 edges a second.
+#[derive(Clone, Copy, Debug)]
+pub struct Rises {
+    level: bool,
+    edges: u16,
+}
+
+impl Rises {
+    /// No edge yet; the pin has been high, as its pull-up makes it.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            level: true,
+            edges: 0,
+        }
+    }
+
+    /// Edges so far, wrapping, with this level now.
+    pub fn follow(&mut self, level: bool) -> u16 {
+        if level && !self.level {
+            self.edges = self.edges.wrapping_add(1);
+        }
+        self.level = level;
+        self.edges
+    }
+}
+
+impl Default for Rises {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_rising_edges_are_counted() {
+        let mut rises = Rises::new();
+        let seen = [true, false, false, true, true, false, true].map(|level| rises.follow(level));
+        assert_eq!(seen, [0, 0, 0, 1, 1, 1, 2]);
+    }
+
+    #[test]
+    fn a_position_goes_on_over_the_counters_ends_in_both_directions() {
+        let mut position = Position::new();
+        let mut expected: u32 = 0;
+        for step in [1, 30_000, 32_767, 32_767, -32_768, -32_767, -32_768, -3] {
+            expected = expected.wrapping_add_signed(step);
+            assert_eq!(position.follow(expected as u16), expected);
+        }
+        assert_eq!(expected as i32, -2771);
+    }
+
+    #[test]
+    fn a_capture_lies_near_the_position_on_either_side() {
+        let mut position = Position::new();
+        for _ in 0..3 {
+            let at = position.near(30_000);
+            position.follow(at as u16);
+            position.follow(at.wrapping_add(30_000) as u16);
+        }
+        let now = position.follow(5);
+        for distance in [-100, 0, 100] {
+            let at = now.wrapping_add_signed(distance);
+            let capture = position.index((7, at as u16));
+            assert_eq!((capture.edges, capture.count), (7, at));
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Between a CAN controller's interrupts and thread mode: frames that came, and the one that goes.
+//!
+//! What the controller reports is told to a [`Mailbox`] by interrupts; thread mode empties it. Nothing is
+//! parsed here.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use critical_section::Mutex;
+use heapless::Deque;
+use windlass_core::frame::Frame;
+use windlass_core::node::{Attempts, TxOutcome};
+
+use crate::latest::Latest;
+use crate::port::BusEvent;
+
+/// Frames that may wait for thread mode: 1.5 ms of a saturated bus of 1 Mbit/s.
+const WAITING: usize = 32;
+
+/// How an attempt to send has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attempt {
+    /// Sent and acknowledged.
+    Sent,
+    /// An error frame has destroyed it.
+    Destroyed,
+    /// Lost arbitration, which is only waiting, or nobody acknowledged, which ends with the loss of the bus:
+    /// no attempt in the sense of [`Attempts`].
+    Waiting,
+}
+
+/// The mailbox of one controller, which repeats nothing by itself.
+#[derive(Debug)]
+pub struct Mailbox {
+    received: Mutex<RefCell<Deque<Frame, WAITING>>>,
+    /// Frames that found no place, here or in the controller.
+    dropped: AtomicU32,
+    /// How often the transmission on its way may still be destroyed.
+    on_the_way: Latest<Option<Attempts>>,
+    /// How the latest transmission ended.
+    ended: Latest<Option<TxOutcome>>,
+}
+
+impl Mailbox {
+    /// An empty mailbox.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            received: Mutex::new(RefCell::new(Deque::new())),
+            dropped: AtomicU32::new(0),
+            on_the_way: Latest::new(None),
+            ended: Latest::new(None),
+        }
+    }
+
+    /// A frame was received; it is dropped and counted if there is no place.
+    pub fn receive(&self, frame: Frame) {
+        let kept =
+            critical_section::with(|token| self.received.borrow_ref_mut(token).push_back(frame));
+        if kept.is_err() {
+            self.count_drop();
+        }
+    }
+
+    /// The controller has lost a frame.
+    pub fn count_drop(&self) {
+        let dropped = self.dropped.load(Ordering::Relaxed);
+        self.dropped
+            .store(dropped.wrapping_add(1), Ordering::Relaxed);
+    }
+
+    /// Frames lost since power-on; wraps.
+    pub fn dropped(&self) -> u32 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// A transmission starts.
+    pub fn start(&self, attempts: Attempts) {
+        self.on_the_way.put(Some(attempts));
+    }
+
+    /// An attempt has ended; true if it is to be repeated.
+    pub fn ended(&self, attempt: Attempt) -> bool {
+        let Some(attempts) = self.on_the_way.get() else {
+            return false;
+        };
+        let left = match (attempt, attempts) {
+            (Attempt::Sent, _) => {
+                self.finish(TxOutcome::Sent);
+                return false;
+            }
+            (Attempt::Destroyed, Attempts::AtMost(left)) => {
+                Attempts::AtMost(left.saturating_sub(1))
+            }
+            (_, attempts) => attempts,
+        };
+        if left == Attempts::AtMost(0) {
+            self.finish(TxOutcome::Failed);
+            return false;
+        }
+        self.on_the_way.put(Some(left));
+        true
+    }
+
+    fn finish(&self, outcome: TxOutcome) {
+        self.on_the_way.put(None);
+        self.ended.put(Some(outcome));
+    }
+
+    /// The bus is lost: what is on its way is given up without an outcome.
+    pub fn flush(&self) {
+        self.on_the_way.put(None);
+        self.ended.put(None);
+    }
+
+    /// The next event for thread mode: the end of a transmission before frames.
+    pub fn poll(&self) -> Option<BusEvent> {
+        if let Some(outcome) = self.ended.take() {
+            return Some(BusEvent::Ended(outcome));
+        }
+        critical_section::with(|token| self.received.borrow_ref_mut(token).pop_front())
+            .map(BusEvent::Received)
+    }
+}
+
+impl Default for Mailbox {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_come_in_order_and_those_without_a_place_are_counted() {
+        let mailbox = Mailbox::new();
+        for at in 0..WAITING as u16 + 3 {
+            mailbox.receive(Frame::standard(at, []));
+        }
+        assert_eq!(mailbox.dropped(), 3);
+        for at in 0..WAITING as u16 {
+            let expected = BusEvent::Received(Frame::standard(at, []));
+            assert_eq!(mailbox.poll(), Some(expected));
+        }
+        assert_eq!(mailbox.poll(), None);
+    }
+
+    #[test]
+    fn only_destroyed_attempts_count_against_the_limit() {
+        let mailbox = Mailbox::new();
+        mailbox.start(Attempts::AtMost(2));
+        assert!(mailbox.ended(Attempt::Waiting));
+        assert!(mailbox.ended(Attempt::Destroyed));
+        assert!(mailbox.ended(Attempt::Waiting));
+        assert!(!mailbox.ended(Attempt::Destroyed));
+        assert_eq!(mailbox.poll(), Some(BusEvent::Ended(TxOutcome::Failed)));
+        mailbox.start(Attempts::UntilSent);
+        for _ in 0..1000 {
+            assert!(mailbox.ended(Attempt::Destroyed));
+        }
+        assert!(!mailbox.ended(Attempt::Sent));
+        assert_eq!(mailbox.poll(), Some(BusEvent::Ended(TxOutcome::Sent)));
+    }
+
+    #[test]
+    fn after_a_flush_nothing_is_repeated_or_reported() {
+        let mailbox = Mailbox::new();
+        mailbox.start(Attempts::UntilSent);
+        mailbox.flush();
+        assert!(!mailbox.ended(Attempt::Destroyed));
+        assert_eq!(mailbox.poll(), None);
+    }
+}

@@ -1,0 +1,294 @@
+//! The bootloader's page protocol and the life of an image, on every chip.
+
+use windlass_core::boot::image::{Hardware, LAST_PAGE, PAGE_SIZE};
+use windlass_core::boot::status::Reason;
+use windlass_core::management::vendor::{Command, CommandCode};
+use windlass_core::reset::ResetCause;
+use windlass_tests::boot_bench::{Bench, Image, Running, f405, g431, g474};
+
+/// Runs a test on all three chips.
+macro_rules! on_every_chip {
+    ($name:ident, $bench:ident, $body:block) => {
+        #[test]
+        fn $name() {
+            {
+                let mut $bench = f405(1);
+                $body
+            }
+            {
+                let mut $bench = g474(2);
+                $body
+            }
+            {
+                let mut $bench = g431(3);
+                $body
+            }
+        }
+    };
+}
+
+fn reason<const W: usize, const S: usize, const J: usize>(
+    bench: &Bench<W, S, J>,
+) -> Option<Reason> {
+    match &bench.running {
+        Some(Running::Loader(_, reason)) => Some(*reason),
+        _ => None,
+    }
+}
+
+/// Installs an image, which runs and answers, and restarts once more.
+fn install<const W: usize, const S: usize, const J: usize>(
+    bench: &mut Bench<W, S, J>,
+    image: &Image,
+) {
+    assert!(bench.enter());
+    assert_eq!(bench.send_image(image), Some(CommandCode::NoError));
+    bench.soft_reset();
+    assert_eq!(bench.version(), Some(image.header.identity.version));
+    assert!(bench.holds(image));
+    bench.application_answers();
+    bench.power_cycle();
+    assert_eq!(bench.version(), Some(image.header.identity.version));
+    assert_eq!(bench.chip.misuses(), 0);
+}
+
+on_every_chip!(
+    an_erased_controller_is_flashed_and_starts_its_image,
+    bench,
+    {
+        assert_eq!(reason(&bench), Some(Reason::Empty));
+        let image = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        install(&mut bench, &image);
+        let status = {
+            bench.enter();
+            bench.status().unwrap()
+        };
+        assert_eq!(status.application, 0x0117);
+        assert!(status.confirmed);
+        assert_eq!(status.reason, Reason::Requested);
+        let expected = if bench.slots().fallback.is_some() {
+            0x0117
+        } else {
+            0xFFFF
+        };
+        assert_eq!(status.fallback, expected);
+    }
+);
+
+on_every_chip!(
+    the_version_is_unknown_from_page_30_on_until_page_0_is_in,
+    bench,
+    {
+        let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        install(&mut bench, &old);
+        bench.enter();
+        let new = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+        let version = |bench: &mut Bench<_, _, _>| {
+            let (code, data) = bench
+                .transact(Command::GetFirmwareVersion, (0, 0), &[])
+                .unwrap();
+            assert_eq!(code, CommandCode::NoError);
+            u16::from_le_bytes([data[2], data[3]])
+        };
+        assert_eq!(version(&mut bench), 0x0117);
+        for page in new.order() {
+            assert_eq!(
+                bench.send_page(page, &new.pages[&page], 0),
+                Some(CommandCode::NoError)
+            );
+            let expected = if page == 0 { 0x0118 } else { 0xFFFF };
+            assert_eq!(version(&mut bench), expected, "after page {page}");
+        }
+    }
+);
+
+on_every_chip!(a_page_with_a_wrong_crc_changes_nothing, bench, {
+    let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+    install(&mut bench, &old);
+    bench.enter();
+    let new = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+    let before = bench.chip.operations();
+    let code = bench.send_page(LAST_PAGE, &new.pages[&LAST_PAGE], 1);
+    assert_eq!(code, Some(CommandCode::CrcMismatch));
+    assert_eq!(bench.chip.operations(), before);
+    assert_eq!(bench.status().unwrap().application, 0x0117);
+    // The other variant of the CRC is accepted.
+    let mut data = new.pages[&LAST_PAGE].to_vec();
+    data.extend_from_slice(&windlass_core::crc::iso_hdlc(&data).to_le_bytes());
+    let answer = bench.transact(Command::EraseWriteFlashPage, (0, 30), &data);
+    assert_eq!(answer, Some((CommandCode::NoError, vec![])));
+});
+
+on_every_chip!(image_types_and_page_numbers_of_the_guide, bench, {
+    for (image, page, expected) in [
+        (1, 0, Some(CommandCode::BadParameter)),
+        (2, 0, Some(CommandCode::BadParameter)),
+        (3, 0, Some(CommandCode::BadParameter)),
+        (0, 31, Some(CommandCode::BadParameter)),
+        (0, 0xFFFF, Some(CommandCode::BadParameter)),
+        (0, 30, None),
+        (0, 0, None),
+    ] {
+        let answer = bench.transact(Command::EraseWriteFlashPage, (image, page), &[]);
+        assert_eq!(answer.map(|(code, _)| code), expected, "{image} {page}");
+    }
+});
+
+on_every_chip!(a_wrong_image_is_refused_before_anything_is_erased, bench, {
+    let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+    install(&mut bench, &old);
+    bench.enter();
+    let other = if bench.hardware == Hardware::F405 {
+        Hardware::G474
+    } else {
+        Hardware::F405
+    };
+    let wrong = Image::small(&other, 0x0118, &[0, 1]);
+    let before = bench.chip.operations();
+    assert_eq!(bench.send_image(&wrong), Some(CommandCode::WrongHardware));
+    let nothing = Box::new([0xA5; PAGE_SIZE]);
+    assert_eq!(
+        bench.send_page(LAST_PAGE, &nothing, 0),
+        Some(CommandCode::NoImage)
+    );
+    assert_eq!(bench.chip.operations(), before);
+    bench.soft_reset();
+    assert_eq!(bench.version(), Some(0x0117));
+});
+
+on_every_chip!(pages_that_do_not_follow_are_refused, bench, {
+    let image = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+    let page = Box::new([0x11; PAGE_SIZE]);
+    // Nothing without page 30, nothing that the header does not name, nothing else in a page's place.
+    assert_eq!(
+        bench.send_page(1, &image.pages[&1], 0),
+        Some(CommandCode::PageOrder)
+    );
+    let last = &image.pages[&LAST_PAGE];
+    assert_eq!(
+        bench.send_page(LAST_PAGE, last, 0),
+        Some(CommandCode::NoError)
+    );
+    assert_eq!(bench.send_page(2, &page, 0), Some(CommandCode::PageOrder));
+    assert_eq!(
+        bench.send_page(1, &image.pages[&1], 0),
+        Some(CommandCode::NoError)
+    );
+    let before = bench.chip.operations();
+    assert_eq!(
+        bench.send_page(1, &image.pages[&1], 0),
+        Some(CommandCode::NoError)
+    );
+    assert_eq!(bench.send_page(1, &page, 0), Some(CommandCode::PageOrder));
+    assert_eq!(bench.chip.operations(), before);
+});
+
+on_every_chip!(
+    page_0_with_pages_missing_says_so_and_the_last_one_commits,
+    bench,
+    {
+        let image = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+        for (page, code) in [
+            (30, CommandCode::NoError),
+            (0, CommandCode::ImageIncomplete),
+        ] {
+            assert_eq!(bench.send_page(page, &image.pages[&page], 0), Some(code));
+        }
+        assert_eq!(bench.status().unwrap().application, 0xFFFF);
+        bench.soft_reset();
+        assert_eq!(reason(&bench), Some(Reason::UpdateIncomplete));
+        let status = bench.status().unwrap();
+        assert_eq!((status.stored, status.wanted), (1 | 1 << 30, 3 | 1 << 30));
+        assert_eq!(
+            bench.send_page(1, &image.pages[&1], 0),
+            Some(CommandCode::NoError)
+        );
+        bench.soft_reset();
+        assert_eq!(bench.version(), Some(0x0118));
+    }
+);
+
+on_every_chip!(an_update_goes_on_after_a_power_cut_between_pages, bench, {
+    let image = Image::small(&bench.hardware, 0x0118, &[0, 1, 2]);
+    for page in [30, 2] {
+        bench.send_page(page, &image.pages[&page], 0);
+    }
+    bench.power_cycle();
+    let (code, data) = bench.transact(Command::GetPageCrcs, (0, 0), &[]).unwrap();
+    assert_eq!((code, data.len()), (CommandCode::NoError, 124));
+    for (page, bytes) in data.chunks(4).enumerate() {
+        let crc = u32::from_le_bytes(bytes.try_into().unwrap());
+        let expected = match page {
+            2 | 30 => windlass_core::crc::page_transfer(&image.pages[&(page as u8)][..]),
+            _ => 0,
+        };
+        assert_eq!(crc, expected, "page {page}");
+    }
+    for page in [1, 0] {
+        assert_eq!(
+            bench.send_page(page, &image.pages[&page], 0),
+            Some(CommandCode::NoError)
+        );
+    }
+    bench.soft_reset();
+    assert_eq!(bench.version(), Some(0x0118));
+    assert!(bench.holds(&image));
+});
+
+on_every_chip!(three_failures_in_trial_put_the_old_image_back, bench, {
+    let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+    let new = Image::small(&bench.hardware, 0x0118, &[0, 2]);
+    install(&mut bench, &old);
+    bench.enter();
+    bench.send_image(&new);
+    bench.soft_reset();
+    // A power cut is no failure.
+    bench.power_cycle();
+    for _ in 0..2 {
+        bench.reset(ResetCause::Watchdog);
+        assert_eq!(bench.version(), Some(0x0118));
+    }
+    bench.reset(ResetCause::ProcessorFault);
+    if bench.slots().fallback.is_some() {
+        assert_eq!(bench.version(), Some(0x0117));
+        assert!(bench.holds(&old));
+        bench.reset(ResetCause::Watchdog);
+        assert_eq!(bench.version(), Some(0x0117), "it was confirmed before");
+    } else {
+        assert_eq!(reason(&bench), Some(Reason::TrialFailed));
+        bench.power_cycle();
+        assert_eq!(reason(&bench), Some(Reason::TrialFailed));
+        bench.soft_reset();
+        assert_eq!(bench.version(), Some(0x0118), "an explicit order starts it");
+    }
+});
+
+on_every_chip!(a_confirmed_image_is_never_replaced_by_failures, bench, {
+    let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+    let new = Image::small(&bench.hardware, 0x0118, &[0, 2]);
+    install(&mut bench, &old);
+    install(&mut bench, &new);
+    for _ in 0..10 {
+        bench.reset(ResetCause::Watchdog);
+        assert_eq!(bench.version(), Some(0x0118));
+    }
+});
+
+on_every_chip!(the_fallback_is_put_back_by_command, bench, {
+    let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+    let new = Image::small(&bench.hardware, 0x0118, &[0, 2]);
+    install(&mut bench, &old);
+    bench.enter();
+    bench.send_image(&new);
+    bench.soft_reset();
+    bench.enter();
+    let answer = bench.transact(Command::RestoreFallback, (0, 0), &[]);
+    let (code, version) = match bench.slots().fallback {
+        Some(_) => (CommandCode::NoError, 0x0117),
+        None => (CommandCode::NoFallback, 0x0118),
+    };
+    assert_eq!(answer, Some((code, vec![])));
+    assert_eq!(bench.status().unwrap().application, version);
+    bench.soft_reset();
+    assert_eq!(bench.version(), Some(version));
+});
