@@ -4,6 +4,7 @@
 pub mod boot_bench;
 pub mod boot_cuts;
 pub mod journal_cuts;
+pub mod talon;
 
 use windlass_core::dialect::dmc60c::wire::{
     Control0, ModeSelect, StatusAnalog, StatusEncoder, StatusGeneral, id as status_id,

@@ -68,6 +68,8 @@ pub struct Status1 {
 
 impl Status1 {
     /// Reads the frame's data; `None` unless it has exactly 8 bytes.
+    // Inlined: a follower wants the throttle alone.
+    #[inline]
     #[must_use]
     pub fn parse(frame: &Frame) -> Option<Self> {
         let [e0, e1, e2, flags, throttle, select, faults, token_seed] = *frame.exact::<8>()?;
