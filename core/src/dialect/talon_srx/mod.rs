@@ -152,8 +152,8 @@ impl Dialect for TalonSrx {
                 let (setpoint, opts) = self.tell(&control.general);
                 Decoded::Intent(Intent::Prepare(setpoint, opts))
             }),
-            id::STATUS_1 => Status1::parse(frame).map(|status| {
-                let duty = Duty::from_throttle(i32::from(status.throttle));
+            id::STATUS_1 => Status1::parse_throttle(frame).map(|throttle| {
+                let duty = Duty::from_throttle(i32::from(throttle));
                 Decoded::Intent(Intent::MasterReport(duty))
             }),
             id::PARAMETER_REQUEST => wire::ParameterRequest::parse(frame)
