@@ -6,6 +6,7 @@ use windlass_core::engine::snapshot::{Faults, Snapshot};
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag};
 use windlass_core::params::Stored;
+use windlass_core::params::journal::Saved;
 use windlass_core::time::Instant;
 
 use crate::control::Crossing;
@@ -151,11 +152,18 @@ impl Thread {
     fn act<B: Board>(&mut self, board: &mut B) -> Option<Handover> {
         match self.node.take_action()? {
             Action::Save => {
-                board.kept().stored = Some(self.node.stored());
-                self.node.saved();
+                let stored = self.node.stored();
+                let saved = Saved {
+                    sequence: stored.sequence,
+                    written: true,
+                };
+                board.kept().stored = Some(stored);
+                self.node.save_ended(board.now(), Ok(saved));
                 board.log(Event::Saved);
                 None
             }
+            // No slots yet: the image was not started by a bootloader.
+            Action::Confirm => None,
             Action::PinTest(test) => {
                 let failed = board.test_pins(test);
                 self.node.pin_test_done(failed);

@@ -10,6 +10,7 @@ use windlass_core::engine::Engine;
 use windlass_core::engine::snapshot::{DriveState, Sample, Snapshot};
 use windlass_core::frame::Frame;
 use windlass_core::management::wire::id;
+use windlass_core::params::journal::{SaveError, Saved};
 use windlass_core::node::{Action, Node, NodeConfig, TxOutcome};
 use windlass_core::time::{Instant, TICK};
 
@@ -67,12 +68,21 @@ fuzz_target!(|input: &[u8]| {
                 node.on_transmitted(now, transmission.tag, outcome);
             }
             match node.take_action() {
-                Some(Action::Save) => node.saved(),
+                Some(Action::Save) => {
+                    let result = match data[4] & 7 {
+                        0 => Err(SaveError::EraseDue),
+                        1 => Err(SaveError::Memory),
+                        2 => Err(SaveError::NewerFormat),
+                        _ => Ok(Saved { sequence: node.stored().sequence, written: true }),
+                    };
+                    node.save_ended(now, result);
+                }
                 Some(Action::Reset(_)) => {
                     let stored = node.stored();
                     node = Node::new(now, &config, Some(&stored));
                     engine = Engine::new();
                 }
+                Some(Action::Confirm) => {}
                 Some(Action::PinTest(_)) => node.pin_test_done(None),
                 None => {}
             }

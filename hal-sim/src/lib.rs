@@ -67,7 +67,7 @@ pub use bits::occupied_bits;
 #[cfg(feature = "std")]
 pub use controller::ErrorState;
 #[cfg(feature = "std")]
-pub use node::SimNode;
+pub use node::{Chip, SimNode};
 pub use plant::{Battery, Bridge, COUNTS_PER_REVOLUTION, DataSheet, FrontEnd, Motor, PlantConfig};
 pub use poke::Poke;
 #[cfg(feature = "std")]

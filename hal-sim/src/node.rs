@@ -1,5 +1,6 @@
 //! One simulated controller: the real core on a virtual board.
 
+use windlass_core::dialect::DialectKind;
 use windlass_core::engine::Engine;
 use windlass_core::engine::snapshot::{Actuation, DriveState, Snapshot};
 use windlass_core::frame::Frame;
@@ -17,7 +18,12 @@ use crate::random::Random;
 use crate::replay::{ActuationHash, TickRecord};
 use crate::rig::Rig;
 use crate::spec::NodeSpec;
+use loading::Loading;
+pub use memory::Chip;
+use memory::{BoardMemory, Outcome, Start, Started};
 
+mod loading;
+mod memory;
 mod observe;
 mod poke;
 
@@ -25,6 +31,8 @@ mod poke;
 const WARM_UP_TICKS: u32 = 200;
 /// Ticks from power-on or restart to the first tick of the image: 5 ms.
 const BOOT_TICKS: u32 = 10;
+/// Ticks that the watchdog waits for an application that hangs: 20 ms, as on the boards.
+const WATCHDOG_TICKS: u32 = 40;
 
 /// What the board is doing.
 #[derive(Debug)]
@@ -34,7 +42,12 @@ enum Power {
         ticks: u32,
         handover: Option<Handover>,
     },
+    /// The bootloader decides, and does what has to be done before.
+    Starting,
+    /// The application runs.
     On(Box<Node>),
+    /// The bootloader stays.
+    Loading(Loading),
 }
 
 /// The part of the CAN controller's state that [`SimNode::truth`] shows.
@@ -71,9 +84,16 @@ pub struct SimNode {
     image: ImageType,
     /// Why the board runs.
     reset: Reset,
-    stored: Stored,
-    flash_writes: u32,
+    memory: Box<dyn BoardMemory>,
+    /// The application hangs, as long as it has since the watchdog was fed last.
+    hangs: bool,
+    hung_ticks: u32,
+    /// Dialect and number that were in force last.
+    identity: (DialectKind, u8),
     random: Random,
+    /// What the image that starts is given.
+    handover: Option<Handover>,
+    seed: u32,
     /// Tag of the frame in the transmit mailbox.
     in_mailbox: Option<Tag>,
     wiring: Wiring,
@@ -90,7 +110,7 @@ impl SimNode {
     /// A node that has been running for a while when the world first sees it.
     pub(crate) fn new(
         spec: NodeSpec,
-        plant: &PlantConfig,
+        (plant, chip): (&PlantConfig, Chip),
         station: Station,
         (seed, index): (u64, usize),
         now: Instant,
@@ -113,9 +133,13 @@ impl SimNode {
             rig: Rig::with_noise(plant, Random::new(seed, stream)),
             image: ImageType::Application,
             reset: Reset::POWER_ON,
-            stored,
-            flash_writes: 0,
+            memory: memory::new(chip, Random::new(seed, stream + 1).next(), &stored),
+            hangs: false,
+            hung_ticks: 0,
+            identity: (spec.dialect, spec.number),
             random: Random::new(seed, stream + 1),
+            handover: None,
+            seed: 0,
             in_mailbox: None,
             wiring: Wiring {
                 reset: false,
@@ -150,27 +174,67 @@ impl SimNode {
         1 + self.random.below(499)
     }
 
+    /// The processor starts.
     fn boot(&mut self, now: Instant, handover: Option<Handover>) {
-        self.image = match handover {
-            Some(handover) if handover.stay_in_bootloader => ImageType::Bootloader,
-            _ => ImageType::Application,
-        };
-        let config = NodeConfig {
-            image: self.image,
+        self.handover = handover;
+        self.power = Power::Starting;
+        let start = Start {
+            cause: self.reset.cause,
             handover,
-            reset: self.reset,
-            ..NodeConfig::dmc60c(self.random.next() as u32)
+            seed: self.random.next() as u32,
         };
+        self.seed = start.seed;
+        self.memory.start(now, start);
+        self.poll_memory(now);
+    }
+
+    /// The bootloader has decided.
+    fn enter(&mut self, now: Instant, started: Started) {
         self.engine = Engine::new();
         self.fresh = true;
         self.snapshot = Snapshot::default();
         self.in_mailbox = None;
-        self.power = Power::On(Box::new(Node::new(now, &config, Some(&self.stored))));
+        self.hung_ticks = 0;
+        match started {
+            Started::Application {
+                header,
+                stored,
+                newer_settings,
+            } => {
+                self.image = ImageType::Application;
+                let config = NodeConfig {
+                    application_version: header.identity.version,
+                    handover: self.handover,
+                    newer_settings,
+                    reset: self.reset,
+                    ..NodeConfig::dmc60c(self.seed)
+                };
+                self.power = Power::On(Box::new(Node::new(now, &config, Some(&stored))));
+            }
+            Started::Loader(loader) => {
+                self.image = ImageType::Bootloader;
+                self.power = Power::Loading(Loading::new(loader));
+            }
+        }
         self.rewire();
+    }
+
+    /// Takes over what the flash has finished.
+    fn poll_memory(&mut self, now: Instant) {
+        match (self.memory.poll(now), &mut self.power) {
+            (Some(Outcome::Started(started)), _) => self.enter(now, started),
+            (Some(Outcome::Saved(result)), Power::On(node)) => node.save_ended(now, result),
+            (Some(Outcome::Worked), Power::Loading(loading)) => {
+                loading.go_on(now, &mut *self.memory);
+                self.act();
+            }
+            _ => {}
+        }
     }
 
     /// Stops the image; whatever was in the transmit mailbox is gone.
     fn halt(&mut self, power: Power) {
+        self.identity = (self.dialect(), self.number());
         self.power = power;
         self.actuation = Actuation::Off;
         self.snapshot = Snapshot::default();
@@ -180,7 +244,7 @@ impl SimNode {
     }
 
     fn rewire(&mut self) {
-        self.wiring.running = matches!(self.power, Power::On(_));
+        self.wiring.running = matches!(self.power, Power::On(_) | Power::Loading(_));
         self.wiring_changed = true;
     }
 
@@ -219,17 +283,31 @@ impl SimNode {
                     self.boot(now, handover);
                 }
             }
+            Power::On(_) if self.hangs => self.hang(),
             Power::On(_) => self.run(now),
+            // The bootloader has no control loop: its bridge stays off.
+            Power::Starting | Power::Loading(_) => self.poll_memory(now),
+        }
+    }
+
+    /// A tick in which the application does nothing; the bridge stays as it is until the watchdog resets.
+    fn hang(&mut self) {
+        self.hung_ticks += 1;
+        if self.hung_ticks >= WATCHDOG_TICKS {
+            self.reset = self.reset.again(ResetCause::Watchdog);
+            self.halt(Power::Booting {
+                ticks: BOOT_TICKS,
+                handover: None,
+            });
         }
     }
 
     fn run(&mut self, now: Instant) {
-        // The bootloader has no control loop: its bridge stays off.
-        let sample = (self.image == ImageType::Application).then(|| self.rig.sample());
+        let sample = self.rig.sample();
         let Power::On(node) = &mut self.power else {
             return;
         };
-        if let Some(sample) = sample {
+        {
             let (settings, command) = (node.settings(), node.command());
             if let Some(records) = &mut self.records {
                 records.push(TickRecord {
@@ -245,11 +323,23 @@ impl SimNode {
             self.hash.update(&self.snapshot);
         }
         node.poll(now, &self.snapshot);
+        self.poll_memory(now);
         self.act();
+        if let Power::On(node) = &self.power
+            && node.may_erase(now)
+        {
+            self.memory.erase_ahead(now);
+        }
     }
 
     /// Does what the node asks of its board.
     fn act(&mut self) {
+        if let Power::Loading(loading) = &mut self.power
+            && let Some(handover) = loading.take_reset()
+        {
+            self.restart(handover);
+            return;
+        }
         while let Power::On(node) = &mut self.power
             && let Some(action) = node.take_action()
         {
@@ -265,26 +355,37 @@ impl SimNode {
         };
         match action {
             Action::Save => {
-                self.stored = node.stored();
-                self.flash_writes += 1;
-                node.saved();
+                let may_erase = node.may_erase(self.now);
+                self.memory.save(self.now, node.stored(), may_erase);
             }
             Action::PinTest(test) => node.pin_test_done(self.rig.test_pins(test)),
-            Action::Reset(handover) => {
-                self.reset = self.reset.again(ResetCause::Requested);
-                self.halt(Power::Booting {
-                    ticks: BOOT_TICKS,
-                    handover: Some(handover),
-                });
-            }
+            Action::Confirm => self.memory.confirm(self.now),
+            Action::Reset(handover) => self.restart(handover),
         }
+    }
+
+    /// A restart that was asked for.
+    fn restart(&mut self, handover: Handover) {
+        self.reset = self.reset.again(ResetCause::Requested);
+        self.halt(Power::Booting {
+            ticks: BOOT_TICKS,
+            handover: Some(handover),
+        });
     }
 
     /// A frame was received. True if the node may have something to send or do because of it.
     pub(crate) fn on_frame(&mut self, now: Instant, frame: &Frame) -> bool {
+        if let Power::Loading(loading) = &mut self.power {
+            let matters = loading.on_frame(now, frame, &mut *self.memory);
+            self.act();
+            return matters;
+        }
         let Power::On(node) = &mut self.power else {
             return false;
         };
+        if self.hangs {
+            return false;
+        }
         let ignored = node.counters().ignored;
         node.on_frame(now, frame, &self.snapshot);
         // What is due by time is sent at the next tick anyway, so a frame for somebody else costs no
@@ -298,21 +399,30 @@ impl SimNode {
 
     /// The frame in the mailbox was sent or given up.
     pub(crate) fn on_transmitted(&mut self, now: Instant, sent: bool) {
-        if let (Power::On(node), Some(tag)) = (&mut self.power, self.in_mailbox.take()) {
-            let outcome = if sent {
-                TxOutcome::Sent
-            } else {
-                TxOutcome::Failed
-            };
-            node.on_transmitted(now, tag, outcome);
-            self.act();
+        let Some(tag) = self.in_mailbox.take() else {
+            return;
+        };
+        let outcome = if sent {
+            TxOutcome::Sent
+        } else {
+            TxOutcome::Failed
+        };
+        match &mut self.power {
+            Power::On(node) if !self.hangs => {
+                node.on_transmitted(now, tag, outcome);
+                self.act();
+            }
+            Power::Loading(loading) => loading.loader.on_transmitted(now, tag, outcome),
+            _ => {}
         }
     }
 
     /// The controller became error passive or bus-off.
     pub(crate) fn on_bus_lost(&mut self, now: Instant) {
-        if let Power::On(node) = &mut self.power {
-            node.on_bus_lost(now);
+        match &mut self.power {
+            Power::On(node) => node.on_bus_lost(now),
+            Power::Loading(loading) => loading.loader.on_bus_lost(),
+            _ => {}
         }
     }
 
@@ -321,10 +431,11 @@ impl SimNode {
         if self.in_mailbox.is_some() {
             return None;
         }
-        let Power::On(node) = &mut self.power else {
-            return None;
-        };
-        let transmission = node.poll_tx(now, &self.snapshot)?;
+        let transmission = match &mut self.power {
+            Power::On(node) if !self.hangs => node.poll_tx(now, &self.snapshot),
+            Power::Loading(loading) => loading.poll_tx(now),
+            _ => None,
+        }?;
         self.in_mailbox = Some(transmission.tag);
         Some(transmission)
     }

@@ -38,6 +38,9 @@ pub enum Poke {
     PulseWidthUs(Option<u16>),
     /// Presses the brake/coast button.
     Button,
+    /// Lets the application hang, also after each restart, until the next poke: its watchdog resets the
+    /// controller. The bootloader does not hang.
+    Hang(bool),
 }
 
 impl Poke {

@@ -111,7 +111,9 @@ impl Rig {
             Poke::GateDriverFault(active) => self.gate_driver_fault = active,
             Poke::J1Loopback(plugged) => self.header.loopback = plugged,
             Poke::PulseWidthUs(width) => self.pulse_width = width,
-            Poke::BusConnected(_) | Poke::Powered(_) | Poke::Button => return false,
+            Poke::BusConnected(_) | Poke::Powered(_) | Poke::Button | Poke::Hang(_) => {
+                return false;
+            }
         }
         true
     }

@@ -6,6 +6,7 @@ use windlass_core::engine::snapshot::DriveState;
 use windlass_core::led::Leds;
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::Counters;
+use windlass_core::params::SettingsState;
 
 use crate::controller::ErrorState;
 
@@ -53,8 +54,10 @@ pub struct Truth {
     pub faults: u8,
     /// Complete sets written to the settings memory since the world began.
     pub flash_writes: u32,
-    /// Pages erased for that: the bench's settings memory is one page that is erased for every set.
+    /// Units of the settings memory erased since the world began.
     pub flash_erases: u32,
+    /// What is known of the stored settings; none while nothing runs.
+    pub settings: Option<SettingsState>,
     /// Session id; none while no bus is seen.
     pub session: Option<u16>,
     /// Transmit error counter of the CAN controller.

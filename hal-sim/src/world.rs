@@ -8,7 +8,7 @@ use windlass_core::time::{Duration, Instant, TICK};
 
 use crate::bus::{Bus, Disturbance, Outcome, Station};
 use crate::controller::ErrorState;
-use crate::node::SimNode;
+use crate::node::{Chip, SimNode};
 use crate::plant::PlantConfig;
 use crate::poke::Poke;
 use crate::random::Random;
@@ -140,11 +140,16 @@ impl World {
 
     /// Adds a powered controller on a plant of one's own.
     pub fn add_node_with_plant(&mut self, spec: NodeSpec, plant: &PlantConfig) -> usize {
+        self.add_board(spec, plant, Chip::default())
+    }
+
+    /// Adds a powered controller with another chip's flash and a plant of one's own.
+    pub fn add_board(&mut self, spec: NodeSpec, plant: &PlantConfig, chip: Chip) -> usize {
         let index = self.nodes.len();
         let station = self.bus.attach(false);
         self.owners.push(Owner::Node(index));
         let identity = (self.seed, index);
-        let mut node = SimNode::new(spec, plant, station, identity, instant(self.now));
+        let mut node = SimNode::new(spec, (plant, chip), station, identity, instant(self.now));
         let phase = if index == 0 { 0 } else { node.draw_phase() };
         self.ticker.add(index, phase * 1000, self.now);
         self.nodes.push(node);

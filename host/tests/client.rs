@@ -153,6 +153,31 @@ fn versions_and_flash_writes_are_read() {
     assert!(client.flash_sequence(device.address).unwrap() > before);
 }
 
+#[test]
+fn a_factory_reset_puts_everything_back_but_number_and_serial_number() {
+    let mut client = bench(&["dmc60c:5"]);
+    let address = only(&mut client);
+    for (descriptor, text) in [
+        (Descriptor::DeviceName, "winch"),
+        (Descriptor::SerialNumber, "0042"),
+    ] {
+        client.set_descriptor(address, descriptor, text).unwrap();
+    }
+    let gain = Value::parse(find_parameter("10").unwrap(), "1.5").unwrap();
+    client.set_parameter(address, gain).unwrap();
+    assert_eq!(client.factory_reset(address, false).unwrap(), address);
+    let strings = client.descriptors(address).unwrap();
+    assert_eq!(strings.text(Descriptor::DeviceName), "Motor Controller");
+    assert_eq!(strings.text(Descriptor::SerialNumber), "0042");
+    let read = client.parameter(address, ParameterId::Slot0P).unwrap();
+    assert_eq!(read.raw, 0);
+    let anonymous = client.factory_reset(address, true).unwrap();
+    assert_eq!((anonymous.number, anonymous.session), (0, address.session));
+    assert_eq!(only(&mut client), anonymous);
+    let strings = client.descriptors(anonymous).unwrap();
+    assert_eq!(strings.text(Descriptor::SerialNumber), "UNKNOWN");
+}
+
 /// What a parameter of a device that was just switched on reads.
 fn fresh(row: &Parameter) -> u32 {
     match row.id {

@@ -131,6 +131,7 @@ fn a_missing_device_ends_with_4() {
         &["info", "@0x0001"],
         &["id", "blink", "2"],
         &["param", "get", "2"],
+        &["param", "reset", "2"],
         &["run", "2", "--duty", "10"],
         &["monitor", "2"],
         &["faults", "2"],
@@ -243,6 +244,22 @@ fn a_device_that_refuses_ends_with_6_and_its_code() {
     let message = failure(&["--transport", &bus, "param", "set", "1", "10", "1.5"], 6);
     assert!(message.contains("percBadValue"), "{message}");
     server.join().unwrap();
+}
+
+#[test]
+fn a_factory_reset_tells_what_it_did_and_under_which_number_the_device_is_now() {
+    let kept = document(&["param", "reset", "1"]);
+    assert_eq!(
+        (&kept["reset"], &kept["all"]),
+        (&true.into(), &false.into())
+    );
+    assert!(kept["device"].as_str().unwrap().starts_with("1@"), "{kept}");
+    let all = document(&["param", "reset", "1", "--all"]);
+    assert!(all["device"].as_str().unwrap().starts_with("0@"), "{all}");
+    let plain = windlass(&["param", "reset", "1"]);
+    assert!(stdout(&plain).contains("are at their defaults"));
+    let information = document(&["info", "1"]);
+    assert_eq!(information["devices"][0]["settings"], "saved");
 }
 
 #[test]

@@ -5,9 +5,11 @@
 //! from then on.
 
 use windlass_core::management::vendor::Descriptor;
-use windlass_core::params::Stored;
 use windlass_core::params::journal::{Change, Journal, Key, SaveError};
-use windlass_core::params::table::TABLE;
+use windlass_core::params::store::QUIET_TIME;
+use windlass_core::params::table::{ParameterId, TABLE};
+use windlass_core::params::{SaveRule, SaveTimer, Stored};
+use windlass_core::time::{Duration, Instant};
 use windlass_sim::nor::{
     Cut, CutPoint, Geometry, NorChip, NorState, Partition, Region, RegionGeometry, STM32F405,
     STM32G431, STM32G474,
@@ -76,16 +78,22 @@ pub struct Extent {
     pub ways: u64,
     /// Saves whose pairs of cuts are swept.
     pub pairs: u32,
+    /// Of these, every how many-th first cut is taken.
+    pub stride: usize,
     /// Power cuts at random.
     pub random: u32,
 }
 
 /// Small random numbers (SplitMix64, as in the bench).
 #[derive(Clone, Debug)]
-struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
+    pub(crate) const fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut mixed = self.0;
         mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -93,7 +101,7 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    fn below(&mut self, bound: u64) -> u64 {
+    pub(crate) fn below(&mut self, bound: u64) -> u64 {
         self.next() % bound
     }
 }
@@ -270,7 +278,7 @@ fn step<const WRITE: usize, const ERASE: usize>(
         .expect("nothing stands in the way of a save");
     let end = subject.chip.operations();
     let (after, whole) = (subject.chip.save(), subject.journal);
-    for operation in first..end {
+    for operation in (first..end).step_by(if pairs { extent.stride } else { 1 }) {
         for point in points(extent.ways, operation) {
             subject.chip.restore(&before);
             subject.journal = journal;
@@ -379,12 +387,86 @@ journal_alone!(F405, F405_REGIONS, STM32F405);
 journal_alone!(G474, G474_REGIONS, STM32G474);
 journal_alone!(G431, G431_REGIONS, STM32G431);
 
-/// Sweeps the journals of the STM32F405, the G474 and the G431.
+/// Sweeps the journals of the STM32F405, the G474 and the G431, each in a thread of its own.
 #[must_use]
 pub fn sweep_all(extent: Extent) -> [(&'static str, Report); 3] {
-    [
-        (F405.name, sweep::<4, 0x4000>(&F405, extent)),
-        (G474.name, sweep::<8, 0x800>(&G474, extent)),
-        (G431.name, sweep::<8, 0x800>(&G431, extent)),
-    ]
+    std::thread::scope(|scope| {
+        let threads = [
+            (
+                F405.name,
+                scope.spawn(move || sweep::<4, 0x4000>(&F405, extent)),
+            ),
+            (
+                G474.name,
+                scope.spawn(move || sweep::<8, 0x800>(&G474, extent)),
+            ),
+            (
+                G431.name,
+                scope.spawn(move || sweep::<8, 0x800>(&G431, extent)),
+            ),
+        ];
+        threads.map(|(name, thread)| (name, thread.join().expect("a sweep has panicked")))
+    })
+}
+
+/// What a day of changes has cost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Day {
+    /// The chip.
+    pub chip: &'static str,
+    /// The rule.
+    pub rule: SaveRule,
+    /// Sets written.
+    pub saves: u32,
+    /// Erases of each unit.
+    pub erases: Vec<u32>,
+}
+
+/// 24 hours of changes under a rule, in virtual time, one change every `period`.
+fn day<const WRITE: usize, const ERASE: usize>(
+    geometry: &'static Geometry,
+    rule: SaveRule,
+    period: Duration,
+) -> Day {
+    let mut subject = Subject::<WRITE, ERASE>::new(geometry, 3);
+    let mut timer = SaveTimer::new(rule);
+    let end = Instant::ZERO + Duration::from_millis(24 * 3600 * 1000);
+    let (mut now, mut value, first) = (Instant::ZERO, 0, subject.journal.sequence());
+    while now <= end {
+        value += 1;
+        // Any value is allowed for a gain.
+        let _ = subject.stored.params.set(ParameterId::Slot0P, value);
+        timer.changed(now);
+        let next = now + period;
+        // A save takes no time here, which only makes the next one come sooner.
+        while let Some(due) = timer.due().filter(|due| *due < next && *due <= end) {
+            let stored = subject.stored.clone();
+            timer.begin();
+            subject
+                .perform(Step::Save, &stored)
+                .expect("nothing stands in the way of a save");
+            timer.saved(due);
+        }
+        now = next;
+    }
+    Day {
+        chip: geometry.name,
+        rule,
+        saves: subject.journal.sequence() - first,
+        erases: subject.chip.erases(Region::Journal),
+    }
+}
+
+/// Days of constant change: each rule on each chip, at the period of change that makes it write most.
+#[must_use]
+pub fn days(period: Duration) -> Vec<Day> {
+    let quiet = (SaveRule::AfterQuiet, QUIET_TIME);
+    let constant = (SaveRule::SinceLastSave, period);
+    let mut days = Vec::new();
+    for (rule, period) in [quiet, constant] {
+        days.push(day::<4, 0x4000>(&F405, rule, period));
+        days.push(day::<8, 0x800>(&G474, rule, period));
+        days.push(day::<8, 0x800>(&G431, rule, period));
+    }
+    days
 }

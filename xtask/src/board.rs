@@ -8,6 +8,9 @@ pub(crate) const DEFAULT: &str = "f405-devkit";
 /// Memory map of the default board and of those with its chip.
 const DEFAULT_MAP: &str = "memory.x";
 
+/// The board that runs in QEMU.
+pub(crate) const EMULATED: &str = "qemu";
+
 /// One board.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Board {
@@ -19,6 +22,8 @@ pub(crate) struct Board {
     pub(crate) budgeted: bool,
     /// Its memory map, from the workspace's root.
     pub(crate) map: &'static str,
+    /// Its interrupt handlers by priority, lowest first: one handler of each priority can be active.
+    pub(crate) handlers: &'static [&'static [&'static str]],
     /// The chip's name for probe-rs; none for an emulated board.
     pub(crate) probe_chip: Option<&'static str>,
 }
@@ -30,6 +35,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "STM32F405RG with CAN transceiver, H-bridge and encoder",
         budgeted: true,
         map: DEFAULT_MAP,
+        handlers: &[&["CAN1_RX0", "CAN1_TX"], &["TIM2"], &["TIM7"], &["PVD"]],
         probe_chip: Some("STM32F405RGTx"),
     },
     Board {
@@ -37,6 +43,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "ST's three-phase motor board with an STM32G431CB, two phases used as H-bridge",
         budgeted: true,
         map: "firmware/memory/stm32g431cb.x",
+        handlers: &[&["FDCAN1_IT0"], &["TIM4"], &["TIM7"], &["PVD_PVM"]],
         probe_chip: Some("STM32G431CBUx"),
     },
     Board {
@@ -44,6 +51,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "NUCLEO-G474RE with CAN transceiver, H-bridge and encoder",
         budgeted: true,
         map: "firmware/memory/stm32g474re.x",
+        handlers: &[&["FDCAN1_IT0"], &["TIM2"], &["TIM7_DAC"], &["PVD_PVM"]],
         probe_chip: Some("STM32G474RETx"),
     },
     Board {
@@ -51,6 +59,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
         budgeted: false,
         map: DEFAULT_MAP,
+        handlers: &[&["PendSV"], &["USART1", "USART2"], &["SysTick"]],
         probe_chip: None,
     },
 ];

@@ -45,8 +45,12 @@ enum Command {
     Trace,
     /// Proves by linking that no function of the core can panic
     NoPanic,
-    /// Prints how much stack the firmware can need and was seen to need in QEMU
-    Stack,
+    /// Prints how much stack the firmware can need and, of the board `qemu`, was seen to need
+    Stack {
+        /// Board to look at
+        #[arg(long, default_value = board::EMULATED)]
+        board: String,
+    },
     /// Decodes the log of an image: raw frames on standard input become lines
     Log {
         /// The linked file that is running
@@ -66,7 +70,7 @@ fn main() -> ExitCode {
         Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
-        Command::Stack => stack::run(),
+        Command::Stack { board } => stack::run(&board),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

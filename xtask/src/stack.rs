@@ -1,6 +1,7 @@
 //! `cargo xtask stack`: how much stack the firmware can need, and how much it was seen to need.
 
 use std::fs;
+use std::path::Path;
 
 use crate::board;
 use crate::calls::{CallGraph, Depth};
@@ -13,16 +14,14 @@ use crate::toolchain::{TARGET, Toolchain};
 /// What the processor pushes for an interrupt, with floating-point registers and alignment (ARMv7-M
 /// Architecture Reference Manual, B1.5.7): 26 words, aligned to 8 bytes.
 const EXCEPTION_FRAME: u64 = 112;
-/// Priorities of the emulated board, each with its handlers: one handler of each can be active.
-const PRIORITIES: [&[&str]; 3] = [&["PendSV"], &["USART1", "USART2"], &["SysTick"]];
 /// Tests that are run for the high-water mark.
 const TESTS: [&str; 1] = ["test_firmware.Management"];
 
-/// Prints both figures; more than the region is an error.
-pub(crate) fn run() -> Result<(), Error> {
+/// Prints the static figure of a board, and what was seen of the emulated one; more than the region is an error.
+pub(crate) fn run(name: &str) -> Result<(), Error> {
+    let board = board::find(name)?;
     let toolchain = Toolchain::find()?;
-    let folder = crate::root().join("target/firmware/stack");
-    let board = board::find("qemu")?;
+    let folder = crate::root().join("target/firmware/stack").join(board.name);
     let mut command = toolchain.cargo("build", &folder);
     command
         .env("RUSTC_BOOTSTRAP", "1")
@@ -40,29 +39,19 @@ pub(crate) fn run() -> Result<(), Error> {
         })
     };
     let mut total = show("thread mode", &depth("main")?);
-    for handlers in PRIORITIES {
+    for handlers in board.handlers {
         let mut deepest = 0;
-        for handler in handlers {
+        for handler in *handlers {
             deepest = deepest.max(show(handler, &depth(handler)?));
         }
         total += deepest + EXCEPTION_FRAME;
     }
     println!("static worst case {total} bytes (with {EXCEPTION_FRAME} pushed for each interrupt)");
-    let seen = folder.join("high-water.txt");
-    fs::write(&seen, "").map_err(|cause| Error::File {
-        path: seen.clone(),
-        cause,
-    })?;
-    emulator::test_image(&elf, &TESTS.map(str::to_owned), Some(&seen))?;
-    let text = fs::read_to_string(&seen).map_err(|cause| Error::File {
-        path: seen.clone(),
-        cause,
-    })?;
-    let high_water = text
-        .lines()
-        .filter_map(|line| line.parse::<u64>().ok())
-        .max();
-    println!("high-water mark   {} bytes", high_water.unwrap_or(0));
+    if board.name == board::EMULATED {
+        println!("high-water mark   {} bytes", high_water(&folder, &elf)?);
+    } else {
+        println!("high-water mark   not known: this board is not emulated");
+    }
     println!("region            {region} bytes");
     if total > region {
         return Err(Error::TooLarge {
@@ -70,6 +59,23 @@ pub(crate) fn run() -> Result<(), Error> {
         });
     }
     Ok(())
+}
+
+/// The most that the emulator's tests have needed.
+fn high_water(folder: &Path, elf: &Path) -> Result<u64, Error> {
+    let seen = folder.join("high-water.txt");
+    let failed = |cause| Error::File {
+        path: seen.clone(),
+        cause,
+    };
+    fs::write(&seen, "").map_err(failed)?;
+    emulator::test_image(elf, &TESTS.map(str::to_owned), Some(&seen))?;
+    let text = fs::read_to_string(&seen).map_err(failed)?;
+    Ok(text
+        .lines()
+        .filter_map(|line| line.parse().ok())
+        .max()
+        .unwrap_or(0))
 }
 
 fn show(name: &str, depth: &Depth) -> u64 {

@@ -51,6 +51,17 @@ impl Toolchain {
                 sysroots.push(sysroot);
             }
         }
+        Self::choose(&sysroots, has_library, has_sources, in_path)
+    }
+
+    /// The first sysroot with the target's library, else the first with its sources. What is looked at on the
+    /// disk is handed in.
+    fn choose(
+        sysroots: &[PathBuf],
+        has_library: impl Fn(&Path) -> bool,
+        has_sources: impl Fn(&Path) -> bool,
+        in_path: impl Fn(&str) -> bool,
+    ) -> Result<Self, Error> {
         if let Some(sysroot) = sysroots.iter().find(|sysroot| has_library(sysroot)) {
             return Ok(Self {
                 sysroot: sysroot.clone(),
@@ -150,4 +161,70 @@ fn has_sources(sysroot: &Path) -> bool {
 pub(crate) fn in_path(program: &str) -> bool {
     env::var_os("PATH")
         .is_some_and(|path| env::split_paths(&path).any(|folder| folder.join(program).is_file()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Chooses between rustup's and Debian's toolchain; the arguments name what has the library and the sources.
+    fn choose(library: &str, sources: &str, linkers: &[&str]) -> Result<Toolchain, Error> {
+        let is = |wanted: &str, path: &Path| path == Path::new(wanted);
+        Toolchain::choose(
+            &["/rustup".into(), "/usr".into()],
+            |path| is(library, path),
+            |path| is(sources, path),
+            |linker| linkers.contains(&linker),
+        )
+    }
+
+    fn arguments(toolchain: &Toolchain) -> (Command, Vec<String>) {
+        let command = toolchain.cargo("build", Path::new("folder"));
+        let arguments = command
+            .get_args()
+            .map(|argument| argument.to_string_lossy().into_owned())
+            .collect();
+        (command, arguments)
+    }
+
+    #[test]
+    fn an_installed_library_wins_and_is_linked_with_the_compiler_s_own_linker() {
+        let toolchain = choose("/rustup", "/usr", &["arm-none-eabi-ld"]).unwrap();
+        assert_eq!(toolchain.library, Library::Installed);
+        let (command, arguments) = arguments(&toolchain);
+        assert_eq!(command.get_program(), "/rustup/bin/cargo");
+        assert!(arguments.contains(&TARGET.to_owned()));
+        assert!(!arguments.iter().any(|argument| argument.contains("-Z")));
+        let variable = |name: &str| command.get_envs().find(|(key, _)| *key == name);
+        let compiler = variable("RUSTC").and_then(|(_, value)| value);
+        assert_eq!(compiler.unwrap(), "/rustup/bin/rustc");
+        assert_eq!(variable("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER"), None);
+        assert_eq!(variable("RUSTC_BOOTSTRAP"), None);
+        // Nothing of the toolchain that runs this very program may leak into it.
+        for name in FOREIGN {
+            assert_eq!(variable(name).map(|(_, value)| value), Some(None), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_library_is_built_from_its_sources_if_none_is_installed() {
+        let toolchain = choose("", "/usr", &["ld.lld"]).unwrap();
+        assert_eq!(toolchain.library, Library::Built { linker: "ld.lld" });
+        let (command, arguments) = arguments(&toolchain);
+        assert_eq!(command.get_program(), "/usr/bin/cargo");
+        assert!(arguments.contains(&"-Zbuild-std=core".to_owned()));
+        let both = choose("", "/usr", &["ld.lld", "arm-none-eabi-ld"]).unwrap();
+        let linker = "arm-none-eabi-ld";
+        assert_eq!(both.library, Library::Built { linker });
+    }
+
+    #[test]
+    fn a_missing_toolchain_names_both_ways_and_a_missing_linker_its_package() {
+        let message = choose("", "", &["ld.lld"]).unwrap_err().to_string();
+        for part in ["rustup target add", "apt-get install", "/rustup, /usr"] {
+            assert!(message.contains(part), "{message}");
+        }
+        let message = choose("", "/usr", &[]).unwrap_err().to_string();
+        assert!(message.contains("binutils-arm-none-eabi"), "{message}");
+    }
 }

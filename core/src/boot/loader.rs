@@ -225,7 +225,10 @@ impl Loader {
             }
             // Neither answered by a bootloader nor decoded by its management channel.
             Request::Parameter(_) | Request::EnterBootloader => {}
-            Request::PinTest(_) => self.management.finish(CommandCode::NotSupported),
+            // The bootloader knows no parameters, and there are no pins to test.
+            Request::FactoryReset { .. } | Request::PinTest(_) => {
+                self.management.finish(CommandCode::NotSupported);
+            }
             request => self.work = Some(Work::Request(request)),
         }
     }
@@ -241,6 +244,19 @@ impl Loader {
             KEY_LENGTH | SIGNED_KEY_LENGTH => self.expect(Purpose::Key(length), length),
             _ => self.management.finish(CommandCode::BadParameter),
         }
+    }
+
+    /// True if [`Loader::work`] has something to do.
+    #[must_use]
+    pub const fn has_work(&self) -> bool {
+        self.work.is_some()
+    }
+
+    /// True if the loader does anything with this frame beside seeing that there is a bus: what a hardware
+    /// filter has to let through.
+    #[must_use]
+    pub fn accepts(&self, frame: &Frame) -> bool {
+        self.management.accepts(self.number, frame)
     }
 
     /// Does what the last frame has asked for; true if it was anything. May take as long as the flash needs
@@ -339,7 +355,7 @@ impl Loader {
         let (frame, answer) = self.management.encode(now, number, product_id, versions)?;
         let attempts = match answer {
             Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
-            Answer::Other => Attempts::UntilSent,
+            Answer::Other | Answer::Dialect => Attempts::UntilSent,
         };
         Some(Transmission {
             frame,
@@ -356,7 +372,7 @@ impl Loader {
                 let session = self.sessions.draw(now);
                 self.management.enumerate_0_destroyed(now, session);
             }
-            (Answer::Other, _) => {}
+            (Answer::Other | Answer::Dialect, _) => {}
         }
     }
 

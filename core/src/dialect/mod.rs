@@ -10,7 +10,7 @@ use crate::engine::command::{DriveOpts, PositionOf, Setpoint};
 use crate::engine::settings::Policy;
 use crate::engine::snapshot::{Faults, Snapshot};
 use crate::frame::Frame;
-use crate::params::Params;
+use crate::params::{Params, SaveRule};
 use crate::time::Instant;
 use crate::units::Duty;
 
@@ -132,6 +132,9 @@ pub trait Dialect {
     /// When the drive stops and resumes under this dialect.
     const POLICY: Policy;
 
+    /// When changed settings are written under this dialect.
+    const SAVE_RULE: SaveRule = SaveRule::AfterQuiet;
+
     /// True if frames with this identifier mean anything to device `number`; also the source of
     /// hardware filters.
     fn accepts(&self, number: u8, id: Id) -> bool;
@@ -188,6 +191,14 @@ macro_rules! dialects {
             pub const fn policy(self) -> Policy {
                 match self {
                     $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::POLICY, )*
+                }
+            }
+
+            /// When changed settings are written.
+            #[must_use]
+            pub const fn save_rule(self) -> SaveRule {
+                match self {
+                    $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::SAVE_RULE, )*
                 }
             }
         }

@@ -54,6 +54,11 @@ pub enum Request {
     SetNumber(u8),
     /// Store a descriptor.
     SetDescriptor(Descriptor, Text),
+    /// Put the settings back to their defaults; `all`: device number and strings as well.
+    FactoryReset {
+        /// Device number and every string too, not only parameters, faults and the device's name.
+        all: bool,
+    },
     /// Show the identify pattern.
     Identify,
     /// Send the descriptors.
@@ -116,8 +121,10 @@ pub enum Decoded {
 pub enum Answer {
     /// First enumeration answer: the second may follow once it has been sent.
     Enumerate0,
-    /// Any other.
+    /// Any other of the management channel.
     Other,
+    /// None of the management channel's: a frame of the dialect.
+    Dialect,
 }
 
 /// Bulk data transfer of a vendor command.
@@ -166,6 +173,8 @@ pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
     image: ImageType,
     enumeration: Enumeration,
     status: Option<VendorStatus>,
+    /// The answer of the latest command comes when what it has changed is written.
+    deferred: bool,
     transfer: Transfer,
     answers: Deque<ParameterResponse, ANSWERS>,
 }
@@ -179,6 +188,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
             image,
             enumeration: Enumeration::Idle,
             status: None,
+            deferred: false,
             transfer: Transfer::None,
             answers: Deque::new(),
         }
@@ -198,6 +208,19 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
     /// The bus is lost: session, transfers and pending answers are void.
     pub fn stop(&mut self) {
         *self = Self::new(self.image);
+    }
+
+    /// True for the identifiers that [`Management::decode`] knows. `own` is the present device number.
+    #[must_use]
+    pub fn accepts(&self, own: u8, frame: &Frame) -> bool {
+        frame.extended_id().is_some_and(|id| match base(id) {
+            id::ENUMERATE => true,
+            id::VENDOR_COMMAND | id::VENDOR_DATA_OUT => number(id) == own,
+            id::PARAMETER_REQUEST | id::PARAMETER_SET => {
+                number(id) == own && self.image == ImageType::Application
+            }
+            _ => false,
+        })
     }
 
     /// Reads one frame. `own` is the present device number.
@@ -254,6 +277,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         }
         // A new command ends whatever the one before has left (guide, "Vendor Commands").
         self.status = None;
+        self.deferred = false;
         self.transfer = Transfer::None;
         let request = match Command::from_code(command.command) {
             None => {
@@ -286,6 +310,13 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
                         data: Vec::new(),
                     };
                 }
+                return Decoded::Done;
+            }
+            Some(Command::FactoryReset) if command.param1 <= 1 => Request::FactoryReset {
+                all: command.param1 == 1,
+            },
+            Some(Command::FactoryReset) => {
+                self.finish(CommandCode::BadParameter);
                 return Decoded::Done;
             }
             Some(Command::FlashLeds) => Request::Identify,
@@ -365,6 +396,18 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
             code: code as u16,
             byte_count: 0,
         });
+    }
+
+    /// The command that was just given is answered later, by [`Management::finish_deferred`].
+    pub const fn defer(&mut self) {
+        self.deferred = true;
+    }
+
+    /// Answers a command that was deferred, unless a new one has ended it.
+    pub fn finish_deferred(&mut self, code: CommandCode) {
+        if core::mem::take(&mut self.deferred) {
+            self.finish(code);
+        }
     }
 
     /// Ends a pin test.

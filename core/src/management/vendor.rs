@@ -29,6 +29,9 @@ pub enum Command {
     RestoreFallback,
     /// `vcmdGetBootStatus` (own).
     GetBootStatus,
+    /// `vcmdFactoryReset` (own): settings back to their defaults; with a first parameter of 1 also device
+    /// number and all strings.
+    FactoryReset,
     /// `vcmdInstallKey` (own): accept signed images only from now on.
     InstallKey,
 }
@@ -36,7 +39,7 @@ pub enum Command {
 impl Command {
     /// Every command with its code and its name in the guide ("Vendor Commands", "Commands"); 0xE0 to 0xEF
     /// are this project's own (docs/updates.md).
-    pub const TABLE: [(u16, &'static str, Self); 20] = [
+    pub const TABLE: [(u16, &'static str, Self); 21] = [
         (0x01, "vcmdSetDevNumber", Self::SetDeviceNumber),
         (
             0x02,
@@ -75,6 +78,7 @@ impl Command {
         (0xE0, "vcmdGetPageCrcs", Self::GetPageCrcs),
         (0xE1, "vcmdRestoreFallback", Self::RestoreFallback),
         (0xE2, "vcmdGetBootStatus", Self::GetBootStatus),
+        (0xE3, "vcmdFactoryReset", Self::FactoryReset),
         (0xE4, "vcmdInstallKey", Self::InstallKey),
         (0xF0, "vcmdEnterBootloader", Self::EnterBootloader),
         (0xF1, "vcmdSoftReset", Self::SoftReset),
@@ -207,6 +211,10 @@ named_codes! {
         /// The key was not accepted: another one is installed and did not sign it, or this build knows no
         /// signatures.
         KeyRefused = 0x29, "cercKeyRefused";
+        /// The change is in force and is written as soon as the drive is off: that takes an erase.
+        SaveWaits = 0x2E, "cercSaveWaits";
+        /// Not while the motor is driven.
+        DriveRunning = 0x2F, "cercDriveRunning";
     }
 }
 

@@ -4,6 +4,7 @@
 //! the command that the control tick reads; the engine itself runs elsewhere and is known only by its
 //! [`Snapshot`].
 
+mod keeping;
 mod parameters;
 #[cfg(test)]
 mod tests;
@@ -12,6 +13,8 @@ mod types;
 pub use types::{
     Action, Attempts, Counters, Handover, NodeConfig, PRODUCT_DMC60C, Tag, Transmission, TxOutcome,
 };
+
+use keeping::Keeping;
 
 use crate::dialect::schedule::earlier;
 use crate::dialect::{AnyDialect, Decoded, Device, DialectKind, Intent, Outgoing, View};
@@ -24,11 +27,37 @@ use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
 use crate::params::table::ParameterId;
-use crate::params::{FaultLog, SaveTimer, Stored, compile};
+use crate::params::{FaultLog, SettingsState, Stored, compile};
 use crate::time::Instant;
 
 /// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
 const STATUS_ATTEMPTS: u8 = 1;
+
+/// Whether the image has answered a host, which ends its trial (docs/updates.md).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Confirmation {
+    Silent,
+    Answered,
+    Told,
+}
+
+impl Confirmation {
+    /// An answer has been sent and acknowledged.
+    const fn answered(&mut self) {
+        if matches!(self, Self::Silent) {
+            *self = Self::Answered;
+        }
+    }
+
+    /// True once, after the first answer.
+    fn take(&mut self) -> bool {
+        let due = *self == Self::Answered;
+        if due {
+            *self = Self::Told;
+        }
+        due
+    }
+}
 
 /// One controller, apart from its engine and its hardware.
 #[derive(Clone, Debug)]
@@ -41,12 +70,12 @@ pub struct Node {
     command: Command,
     faults: FaultLog,
     counters: Counters,
-    save_timer: SaveTimer,
-    save_now: bool,
+    keeping: Keeping,
     reset: Option<Handover>,
     pin_test: Option<PinTest>,
     identify_since: Option<Instant>,
     sessions: SessionIds,
+    confirm: Confirmation,
 }
 
 impl Node {
@@ -75,12 +104,12 @@ impl Node {
                 ..Command::default()
             },
             counters: Counters::default(),
-            save_timer: SaveTimer::default(),
-            save_now: false,
+            keeping: Keeping::new(kind.save_rule(), config.newer_settings),
             reset: None,
             pin_test: None,
             identify_since: None,
             sessions: SessionIds::new(config.seed),
+            confirm: Confirmation::Silent,
         };
         if let Some(handover) = config.handover {
             node.resume(now, handover);
@@ -207,13 +236,18 @@ impl Node {
                 }
             }
             R::SetNumber(number) => {
-                self.stored.number = number;
-                self.identity_changed();
+                if !self.refuses_changes() {
+                    self.stored.number = number;
+                    self.identity_changed();
+                }
             }
             R::SetDescriptor(which, text) => {
-                self.stored.descriptors.set(which, &text);
-                self.identity_changed();
+                if !self.refuses_changes() {
+                    self.stored.descriptors.set(which, &text);
+                    self.identity_changed();
+                }
             }
+            R::FactoryReset { all } => self.factory_reset(all, snapshot),
             R::Identify => {
                 self.identify_since = Some(now);
                 self.management.finish(CommandCode::NoError);
@@ -221,8 +255,8 @@ impl Node {
             R::GetDescriptors => self.management.send_descriptors(&self.stored.descriptors),
             R::GetVersions => self.management.send_versions(self.versions()),
             R::GetSequence => self.management.send_sequence(self.stored.sequence),
-            R::EnterBootloader => self.restart(now, true),
-            R::SoftReset => self.restart(now, false),
+            R::EnterBootloader => self.restart(true),
+            R::SoftReset => self.restart(false),
             // The slots are the bootloader's, and a page is written there.
             R::WritePage { .. }
             | R::Data(_)
@@ -241,17 +275,11 @@ impl Node {
         }
     }
 
-    /// Identity is written at once; the answer means that it has been.
-    fn identity_changed(&mut self) {
-        self.save_now = true;
-        self.management.finish(CommandCode::NoError);
-    }
-
-    fn restart(&mut self, now: Instant, stay_in_bootloader: bool) {
+    fn restart(&mut self, stay_in_bootloader: bool) {
         if let Some(session) = self.management.session() {
             self.drive(Setpoint::Off, DriveOpts::default());
             // A restart that was asked for loses no settings.
-            self.save_now |= self.save_timer.due().is_some_and(|due| due >= now);
+            self.keeping.flush();
             self.reset = Some(Handover {
                 session,
                 stay_in_bootloader,
@@ -264,7 +292,7 @@ impl Node {
         if (sticky, counts) != (self.stored.sticky, self.stored.fault_counts) {
             self.stored.sticky = sticky;
             self.stored.fault_counts = counts;
-            self.save_timer.changed(now);
+            self.keeping.changed(now);
         }
     }
 
@@ -282,9 +310,7 @@ impl Node {
         {
             self.identify_since = None;
         }
-        if self.save_timer.due().is_some_and(|due| due <= now) {
-            self.save_now = true;
-        }
+        self.poll_keeping(now, snapshot);
     }
 
     /// The next frame to send. To be called whenever the transmit mailbox is free: after
@@ -298,7 +324,7 @@ impl Node {
         if let Some((frame, answer)) = answer {
             let attempts = match answer {
                 Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
-                Answer::Other => Attempts::UntilSent,
+                Answer::Other | Answer::Dialect => Attempts::UntilSent,
             };
             return Some(Transmission {
                 frame,
@@ -324,7 +350,7 @@ impl Node {
         };
         Some(Transmission {
             frame,
-            tag: Tag(Answer::Other),
+            tag: Tag(Answer::Dialect),
             attempts,
         })
     }
@@ -340,7 +366,8 @@ impl Node {
                 let session = self.sessions.draw(now);
                 self.management.enumerate_0_destroyed(now, session);
             }
-            (Answer::Other, _) => {}
+            (Answer::Other, TxOutcome::Sent) => self.confirm.answered(),
+            (Answer::Other | Answer::Dialect, _) => {}
         }
     }
 
@@ -353,7 +380,7 @@ impl Node {
     /// faults.
     #[must_use]
     pub fn next_deadline(&self) -> Option<Instant> {
-        let save = self.save_timer.due();
+        let save = self.keeping.due();
         earlier(
             self.management.next_deadline(),
             earlier(self.dialect.next_deadline(), save),
@@ -362,30 +389,17 @@ impl Node {
 
     /// What the platform has to do, one at a time, the settings before a restart.
     pub fn take_action(&mut self) -> Option<Action> {
-        if self.save_now {
+        if self.keeping.begin() {
             Some(Action::Save)
         } else if let Some(test) = self.pin_test.take() {
             Some(Action::PinTest(test))
-        } else {
+        } else if self.confirm.take() {
+            Some(Action::Confirm)
+        } else if self.keeping.is_idle() {
             self.reset.take().map(Action::Reset)
+        } else {
+            None
         }
-    }
-
-    /// What is to be kept over a power cycle.
-    #[must_use]
-    pub fn stored(&self) -> Stored {
-        Stored {
-            params: self.stored.params.persistent(),
-            sequence: self.stored.sequence.wrapping_add(1),
-            ..self.stored.clone()
-        }
-    }
-
-    /// [`Node::stored`] has been kept.
-    pub fn saved(&mut self) {
-        self.stored.sequence = self.stored.sequence.wrapping_add(1);
-        self.save_now = false;
-        self.save_timer.saved();
     }
 
     /// A pin test has ended; `failed` names the last pin that failed it.
@@ -430,7 +444,7 @@ impl Node {
             version: self.config.application_version,
             reset_count: self.config.reset.count.min(u32::from(u16::MAX)) as u16,
             reset_flags: self.config.reset.cause as u16,
-            unsaved: self.save_now || self.save_timer.due().is_some(),
+            unsaved: self.settings_state() != SettingsState::Saved,
         }
     }
 

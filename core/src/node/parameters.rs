@@ -47,6 +47,7 @@ impl Node {
             (ParameterId::ActiveFaults, _) => u32::from(snapshot.faults.bits()),
             (ParameterId::StickyFaults, _) => u32::from(self.faults.sticky().bits()),
             (ParameterId::ResetCause, _) => u32::from(self.config.reset.cause as u8),
+            (ParameterId::SettingsState, _) => self.settings_state() as u32,
             (ParameterId::ResetDetail, _) => self.config.reset.detail,
             (ParameterId::ResetPlace, _) => self.config.reset.place,
             (ParameterId::ResetCount, _) => self.config.reset.count,
@@ -72,6 +73,7 @@ impl Node {
             }
             ParameterId::ActiveFaults
             | ParameterId::ResetCause
+            | ParameterId::SettingsState
             | ParameterId::ResetDetail
             | ParameterId::ResetPlace
             | ParameterId::ResetCount
@@ -156,7 +158,7 @@ impl Node {
         let policy = self.dialect.kind().policy();
         self.settings = compile::settings(&self.stored.params, &self.config.board, &policy);
         if id.rule().storage == Storage::Persistent {
-            self.save_timer.changed(now);
+            self.keeping.changed(now);
         }
     }
 }

@@ -38,6 +38,8 @@ pub struct NodeConfig {
     pub seed: u32,
     /// Left by the image before, if it restarted on purpose.
     pub handover: Option<Handover>,
+    /// What is stored is of a newer format: the node runs on defaults and saves nothing.
+    pub newer_settings: bool,
     /// Why the controller started.
     pub reset: Reset,
 }
@@ -54,6 +56,7 @@ impl NodeConfig {
             image: ImageType::Application,
             seed,
             handover: None,
+            newer_settings: false,
             reset: Reset::POWER_ON,
         }
     }
@@ -97,10 +100,13 @@ pub enum TxOutcome {
 /// What the platform has to do for the node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::saved`](super::Node::saved).
+    /// Keep [`Node::stored`](super::Node::stored), then call [`Node::save_ended`](super::Node::save_ended).
     Save,
     /// Restart with this handover.
     Reset(Handover),
+    /// The image has answered a host for the first time since it started: end its trial with
+    /// [`Slot::confirm`](crate::boot::slots::Slot::confirm) where there are slots.
+    Confirm,
     /// Test the expansion header, then call [`Node::pin_test_done`](super::Node::pin_test_done).
     PinTest(PinTest),
 }

@@ -5,7 +5,7 @@ pub mod journal;
 pub mod store;
 pub mod table;
 
-pub use store::{FaultLog, SaveTimer, Stored};
+pub use store::{FaultLog, SaveRule, SaveTimer, SettingsState, Stored};
 use table::{COUNT, Kind, ParameterId, RULES, Storage};
 
 /// Why a parameter was not written.

@@ -53,6 +53,13 @@ impl Descriptors {
         self.texts.get(which as usize - 1)?.as_deref()
     }
 
+    /// One descriptor reports its default again.
+    pub fn clear(&mut self, which: Descriptor) {
+        if let Some(slot) = self.texts.get_mut(which as usize - 1) {
+            *slot = None;
+        }
+    }
+
     /// Replaces one descriptor; text beyond its capacity is cut off.
     pub fn set(&mut self, which: Descriptor, text: &[u8]) {
         let kept = text.get(..which.capacity().min(text.len())).unwrap_or(&[]);
@@ -61,6 +68,41 @@ impl Descriptors {
             Text::from_slice(kept),
         ) {
             *slot = Some(text);
+        }
+    }
+}
+
+/// What is known of the settings in force and of those in non-volatile memory (`paramSettingsState`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SettingsState {
+    /// Both are the same.
+    #[default]
+    Saved = 0,
+    /// Something has changed and will be written in time.
+    Pending = 1,
+    /// Something is due to be written, which takes an erase, which waits until the drive is off.
+    EraseDue = 2,
+    /// What is stored is of a newer firmware's format: it is not in force, and nothing is written.
+    NewerFormat = 3,
+}
+
+impl SettingsState {
+    /// Every state.
+    pub const ALL: [Self; 4] = [
+        Self::Saved,
+        Self::Pending,
+        Self::EraseDue,
+        Self::NewerFormat,
+    ];
+
+    /// The state's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Saved => "saved",
+            Self::Pending => "pending",
+            Self::EraseDue => "erase due",
+            Self::NewerFormat => "newer format",
         }
     }
 }
@@ -157,6 +199,12 @@ impl FaultLog {
         self.sticky = Faults::NONE;
     }
 
+    /// Forgets sticky faults and counts.
+    pub fn clear(&mut self) {
+        self.sticky = Faults::NONE;
+        self.counts = [0; 5];
+    }
+
     /// Forgets one count; the sticky fault stays.
     pub fn clear_count(&mut self, fault: Fault) {
         if let Some(count) = self.counts.get_mut(fault as usize) {
@@ -172,25 +220,53 @@ impl FaultLog {
     }
 }
 
-/// How long nothing may change before changes are written (guide, "Configuration Parameters").
+/// The 15 s of both rules (DMC60C guide, "Configuration Parameters"; Talon SRX manual 11.1).
 pub const QUIET_TIME: Duration = Duration::from_millis(15_000);
 
-/// The 15 s rule: a change is written at once if nothing has changed for 15 s, else after 15 s without a
-/// change.
+/// When changed settings are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SaveRule {
+    /// At once if nothing has changed for 15 s, else after 15 s without a change.
+    #[default]
+    AfterQuiet,
+    /// At once, but not before 15 s have passed since they were written last.
+    SinceLastSave,
+}
+
+/// Tells when changed settings are to be written.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SaveTimer {
+    rule: SaveRule,
     last_change: Option<Instant>,
+    last_save: Option<Instant>,
     due: Option<Instant>,
 }
 
 impl SaveTimer {
+    /// Nothing has changed yet.
+    #[must_use]
+    pub const fn new(rule: SaveRule) -> Self {
+        Self {
+            rule,
+            last_change: None,
+            last_save: None,
+            due: None,
+        }
+    }
+
     /// Something that is stored has changed.
     pub fn changed(&mut self, now: Instant) {
-        let quiet = self
-            .last_change
-            .is_none_or(|last| now.since(last) >= QUIET_TIME);
+        let since = |then: Option<Instant>| then.is_none_or(|then| now.since(then) >= QUIET_TIME);
+        self.due = Some(match self.rule {
+            SaveRule::AfterQuiet if since(self.last_change) => now,
+            SaveRule::AfterQuiet => now + QUIET_TIME,
+            SaveRule::SinceLastSave => match (self.due, self.last_save) {
+                (Some(due), _) => due,
+                (None, Some(last)) if !since(self.last_save) => last + QUIET_TIME,
+                _ => now,
+            },
+        });
         self.last_change = Some(now);
-        self.due = Some(if quiet { now } else { now + QUIET_TIME });
     }
 
     /// When the changes are to be written, if there are any.
@@ -199,9 +275,22 @@ impl SaveTimer {
         self.due
     }
 
-    /// The changes have been written.
-    pub fn saved(&mut self) {
+    /// The changes so far are being written.
+    pub const fn begin(&mut self) {
         self.due = None;
+    }
+
+    /// They have been written. What has changed in the meantime is still to come.
+    pub fn saved(&mut self, now: Instant) {
+        self.last_save = Some(now);
+        if self.rule == SaveRule::SinceLastSave && self.due.is_some() {
+            self.due = Some(now + QUIET_TIME);
+        }
+    }
+
+    /// They could not be written: once more after 15 s.
+    pub fn failed(&mut self, now: Instant) {
+        self.due = Some(now + QUIET_TIME);
     }
 }
 
@@ -218,15 +307,51 @@ mod tests {
         let mut timer = SaveTimer::default();
         timer.changed(at(100));
         assert_eq!(timer.due(), Some(at(100)));
-        timer.saved();
+        timer.begin();
+        timer.saved(at(101));
         assert_eq!(timer.due(), None);
         timer.changed(at(5_000));
         assert_eq!(timer.due(), Some(at(20_000)));
         timer.changed(at(9_000));
         assert_eq!(timer.due(), Some(at(24_000)));
-        timer.saved();
+        timer.begin();
+        timer.saved(at(24_000));
         timer.changed(at(24_000));
         assert_eq!(timer.due(), Some(at(24_000)));
+    }
+
+    #[test]
+    fn by_the_other_rule_15_s_pass_from_one_save_to_the_next_to_the_microsecond() {
+        let mut timer = SaveTimer::new(SaveRule::SinceLastSave);
+        timer.changed(at(100));
+        assert_eq!(timer.due(), Some(at(100)));
+        timer.begin();
+        timer.saved(at(103));
+        // Changes do not push the save away.
+        for millis in [104, 5_000, 15_102] {
+            timer.changed(at(millis));
+            assert_eq!(timer.due(), Some(at(15_103)));
+        }
+        timer.begin();
+        timer.saved(at(15_103));
+        timer.changed(at(30_103));
+        assert_eq!(timer.due(), Some(at(30_103)));
+        timer.begin();
+        // A change while the set is being written is not in it.
+        timer.changed(at(30_104));
+        timer.saved(at(30_106));
+        assert_eq!(timer.due(), Some(at(45_106)));
+    }
+
+    #[test]
+    fn a_failed_save_is_tried_again() {
+        for rule in [SaveRule::AfterQuiet, SaveRule::SinceLastSave] {
+            let mut timer = SaveTimer::new(rule);
+            timer.changed(at(0));
+            timer.begin();
+            timer.failed(at(1));
+            assert_eq!(timer.due(), Some(at(15_001)));
+        }
     }
 
     #[test]

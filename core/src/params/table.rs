@@ -237,6 +237,9 @@ parameters! {
     /// Why the controller started, a code of [`ResetCause`](crate::reset::ResetCause); writing has no effect,
     /// as for the next five.
     ResetCause = 130, "paramResetCause", Computed, 0, Live, "";
+    /// What is known of the stored settings, see [`SettingsState`](crate::params::SettingsState); writing
+    /// has no effect.
+    SettingsState = 131, "paramSettingsState", Computed, 0, Live, "";
     /// Detail of the cause: line of a panic, fault status, exception number.
     ResetDetail = 132, "paramResetDetail", Computed, 0, Live, "";
     /// Frames that were received and lost, because nobody took them in time, since power-on.

@@ -6,7 +6,6 @@ use windlass_core::engine::snapshot::{Actuation, Snapshot};
 use windlass_core::led::Leds;
 use windlass_core::node::{Counters, Node};
 use windlass_core::params::Stored;
-use windlass_core::params::table::ParameterId;
 
 use super::{Power, SimNode};
 use crate::spec::NodeSpec;
@@ -24,17 +23,17 @@ impl SimNode {
     pub fn dialect(&self) -> DialectKind {
         match &self.power {
             Power::On(node) => node.dialect(),
-            _ => DialectKind::from_code(self.stored.params.get(ParameterId::Dialect))
-                .unwrap_or(self.spec.dialect),
+            _ => self.identity.0,
         }
     }
 
-    /// Device number in force; without power the stored one.
+    /// Device number in force; without power the last one.
     #[must_use]
     pub fn number(&self) -> u8 {
         match &self.power {
             Power::On(node) => node.number(),
-            _ => self.stored.number,
+            Power::Loading(loading) => loading.loader.number(),
+            _ => self.identity.1,
         }
     }
 
@@ -44,7 +43,7 @@ impl SimNode {
         &self.snapshot
     }
 
-    /// The running node; none without power and while booting.
+    /// The running application's node; none without power, while booting and in the bootloader.
     #[must_use]
     pub fn node(&self) -> Option<&Node> {
         match &self.power {
@@ -53,10 +52,10 @@ impl SimNode {
         }
     }
 
-    /// What is kept over a power cycle.
+    /// What is in the settings memory: what the node would start with after a power cut now.
     #[must_use]
-    pub fn stored(&self) -> &Stored {
-        &self.stored
+    pub fn stored(&self) -> Stored {
+        self.memory.kept()
     }
 
     /// What really happens at the node.
@@ -83,20 +82,33 @@ impl SimNode {
             fwd_limit_closed: header.forward_closed,
             rev_limit_closed: header.reverse_closed,
             index_pin: plant.encoder.index(),
-            leds: node.map_or_else(Leds::default, |node| node.leds(self.now, &self.snapshot)),
+            leds: match &self.power {
+                Power::On(node) => node.leds(self.now, &self.snapshot),
+                Power::Loading(loading) => loading.loader.leds(self.now),
+                _ => Leds::default(),
+            },
             mode: self.image,
             powered: !matches!(self.power, Power::Off),
             bus_connected: self.wiring.connected,
             drive_state: self.snapshot.state,
             faults: self.snapshot.faults.bits(),
-            flash_writes: self.flash_writes,
-            flash_erases: self.flash_writes,
-            session: node.and_then(Node::session),
+            flash_writes: self.memory.writes(),
+            flash_erases: self.memory.erases(),
+            settings: node.map(Node::settings_state),
+            session: match &self.power {
+                Power::On(node) => node.session(),
+                Power::Loading(loading) => loading.loader.session(),
+                _ => None,
+            },
             tec: self.view.tec,
             rec: self.view.rec,
             error_state: self.view.error_state,
             bus_off_count: self.view.bus_off_count,
-            counters: node.map_or_else(Counters::default, |node| *node.counters()),
+            counters: match &self.power {
+                Power::On(node) => *node.counters(),
+                Power::Loading(loading) => loading.counters(),
+                _ => Counters::default(),
+            },
         }
     }
 }

@@ -14,6 +14,7 @@ impl SimNode {
                 self.wiring_changed = true;
             }
             Poke::Powered(powered) => self.set_powered(powered),
+            Poke::Hang(hangs) => self.hangs = hangs,
             Poke::Button => {
                 if let Power::On(node) = &mut self.power {
                     node.press_button(self.now);
@@ -29,12 +30,14 @@ impl SimNode {
         match (&self.power, powered) {
             (Power::Off, true) => {
                 self.reset = Reset::POWER_ON;
+                self.memory.power_on();
                 self.power = Power::Booting {
                     ticks: BOOT_TICKS,
                     handover: None,
                 };
             }
-            (Power::Booting { .. } | Power::On(_), false) => {
+            (Power::Booting { .. } | Power::Starting | Power::On(_) | Power::Loading(_), false) => {
+                self.memory.power_off(self.now);
                 self.halt(Power::Off);
                 self.rig.restart_counters();
             }

@@ -84,6 +84,8 @@ pub struct NorState {
     regions: Vec<Cells>,
     powered: bool,
     cut: Option<Cut>,
+    /// The power is cut when `busy_ns` reaches the first number; the second is the seed.
+    deadline: Option<(u64, u64)>,
     operations: u64,
     misuses: u64,
     programs: u64,
@@ -112,6 +114,7 @@ impl NorChip {
                 regions,
                 powered: true,
                 cut: None,
+                deadline: None,
                 operations: 0,
                 misuses: 0,
                 programs: 0,
@@ -154,6 +157,13 @@ impl NorChip {
     /// Cuts the power at an operation to come; `None` calls it off.
     pub fn cut_at(&self, cut: Option<Cut>) {
         self.state().cut = cut;
+    }
+
+    /// Cuts the power inside the operation that is under way when the memory has been busy for `us` more
+    /// microseconds; the seed decides what that operation leaves.
+    pub fn cut_after(&self, us: u64, seed: u64) {
+        let mut state = self.state();
+        state.deadline = Some((state.busy_ns + us * 1000, seed));
     }
 
     /// Takes the power away between two operations.
@@ -239,6 +249,14 @@ impl NorState {
         if !self.powered {
             return Err(NorError::PowerLost);
         }
+        if let Some((deadline, seed)) = self.deadline
+            && self.busy_ns + ns > deadline
+        {
+            self.cut = Some(Cut {
+                operation: self.operations,
+                point: CutPoint::Inside(seed),
+            });
+        }
         let due = self.cut.filter(|cut| cut.operation <= self.operations);
         if due.is_some_and(|cut| cut.point == CutPoint::Before) {
             self.lose_power();
@@ -269,6 +287,7 @@ impl NorState {
     fn lose_power(&mut self) {
         self.powered = false;
         self.cut = None;
+        self.deadline = None;
     }
 
     fn misuse(&mut self, error: NorError) -> NorError {

@@ -256,3 +256,13 @@ fn a_chip_goes_back_to_a_saved_state_and_repeats_itself() {
     }
     assert_eq!(ends[0], ends[1]);
 }
+
+#[test]
+fn the_power_can_be_cut_by_time() {
+    // 16 µs a word: 1000 µs end inside the 63rd.
+    let (chip, mut flash) = f405();
+    chip.cut_after(1000, 5);
+    assert_eq!(flash.write(0, &[0; 400]), Err(NorError::PowerLost));
+    assert_eq!(chip.operations(), 63);
+    assert_eq!(chip.busy_us(), 1000);
+}

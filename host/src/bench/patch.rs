@@ -52,6 +52,7 @@ impl Patch {
             ("short_circuit", Poke::ShortCircuit),
             ("gate_driver_fault", Poke::GateDriverFault),
             ("j1_loopback", Poke::J1Loopback),
+            ("hang", Poke::Hang),
         ] {
             let value = fields.boolean(name)?;
             self.hold(name, value, poke);
@@ -126,7 +127,7 @@ mod tests {
         let body = json!({
             "fwd_limit_closed": true, "rev_limit_closed": false, "stall": true,
             "encoder_unplugged": false, "short_circuit": true, "gate_driver_fault": true,
-            "j1_loopback": true, "index_pin": true, "analog_v": 1.5, "battery_v": null,
+            "j1_loopback": true, "hang": true, "index_pin": true, "analog_v": 1.5, "battery_v": null,
             "temp_c": 110, "load_nm": -0.5, "pulse_width_us": 1700, "bus_connected": false,
             "press_button": true, "powered": false,
         });
@@ -139,6 +140,7 @@ mod tests {
             Poke::ShortCircuit(true),
             Poke::GateDriverFault(true),
             Poke::J1Loopback(true),
+            Poke::Hang(true),
             Poke::IndexPin(Some(true)),
             Poke::AnalogVolts(Some(1.5)),
             Poke::BatteryVolts(None),

@@ -5,6 +5,7 @@ use windlass_core::engine::command::{Neutral, Setpoint};
 use windlass_core::engine::snapshot::{DriveState, Fault, Faults, Mode};
 use windlass_core::management::wire::ImageType;
 use windlass_core::node::Counters;
+use windlass_core::params::SettingsState;
 use windlass_core::slcan::State;
 use windlass_sim::{SimNode, Source, TraceEntry};
 
@@ -99,6 +100,7 @@ fn truth(index: usize, sim: &SimNode) -> Map<String, Value> {
         "bus_connected": truth.bus_connected,
         "flash_writes": truth.flash_writes,
         "flash_erases": truth.flash_erases,
+        "settings": truth.settings.map(SettingsState::name),
         "tec": truth.tec,
         "rec": truth.rec,
         "error_state": truth.error_state.name(),

@@ -52,6 +52,7 @@ struct Own {
     count: Parameter,
     dropped: Parameter,
     failed: Parameter,
+    settings: Parameter,
 }
 
 /// Prints strings, versions, flash wear and the latest reset of the devices.
@@ -103,6 +104,7 @@ fn own(client: &mut Connection, device: Device) -> Result<Option<Own>, Failure> 
         count: read(ParameterId::ResetCount)?,
         dropped: read(ParameterId::FramesDropped)?,
         failed: read(ParameterId::TransmissionsFailed)?,
+        settings: read(ParameterId::SettingsState)?,
     }))
 }
 
@@ -120,6 +122,7 @@ fn describe(information: &Information) -> Value {
             "place": own.place.raw,
             "count": own.count.raw,
         });
+        document["settings"] = json!(own.settings.to_string());
         document["frames_dropped"] = json!(own.dropped.raw);
         document["transmissions_failed"] = json!(own.failed.raw);
     }
@@ -156,6 +159,7 @@ fn print(information: &Information) -> Result<(), Failure> {
     let Some(own) = &information.own else {
         return Ok(());
     };
+    say!("  {:<15} {}", "settings", own.settings)?;
     say!("  {:<15} {}", "started by", started_by(own))?;
     say!("  {:<15} {} since power-on", "restarts", own.count)?;
     say!(

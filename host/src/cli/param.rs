@@ -35,6 +35,14 @@ enum Action {
         #[arg(allow_hyphen_values = true)]
         value: String,
     },
+    /// Put parameters, faults and the device's name back to their defaults.
+    Reset {
+        /// The device, as 5, talon:5, @0x1234 or 5@0x1234.
+        device: Selector,
+        /// Its number and the strings of its manufacture too.
+        #[arg(long)]
+        all: bool,
+    },
 }
 
 /// Runs the action.
@@ -46,6 +54,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
             parameter,
             value,
         } => set(device, parameter, value, global),
+        Action::Reset { device, all } => reset(device, *all, global),
     }
 }
 
@@ -89,6 +98,20 @@ fn set(selector: &Selector, name: &str, text: &str, global: &Global) -> Result<O
         output::json(&document)?;
     } else {
         print(answer)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn reset(selector: &Selector, all: bool, global: &Global) -> Result<Outcome, Failure> {
+    let mut client = global.connect()?;
+    let address = client.find(selector)?.address;
+    let after = client.factory_reset(address, all)?;
+    if global.json {
+        output::json(&json!({"device": after.to_string(), "reset": true, "all": all}))?;
+    } else if all {
+        say!("device {address} is at its defaults and has no number any more; it is {after} now")?;
+    } else {
+        say!("parameters, faults and name of device {address} are at their defaults")?;
     }
     Ok(Outcome::Done)
 }

@@ -134,8 +134,12 @@ fn refusal_advice(code: &str) -> &'static str {
             "the device holds another key: give the signing key that belongs to it with --replaces"
         }
         "cercFlashWriteFailed" => {
-            "the device could not store it: run the command again, else replace the device"
+            "the device could not store it: see `windlass info`, settings; if they are of a newer format, flash that firmware again"
         }
+        "cercSaveWaits" => {
+            "the change is in force; stop the motor and it is written a second later (`windlass info`, settings)"
+        }
+        "cercDriveRunning" => "stop the motor and run the command again",
         _ => "look at the device with `windlass info` and `windlass faults`",
     }
 }

@@ -7,6 +7,7 @@ use windlass_core::frame::Frame;
 use windlass_core::frc_id::with_number;
 use windlass_core::management::vendor::ParameterError;
 use windlass_core::management::wire::{ParameterRequest, ParameterResponse, ParameterSet, id};
+use windlass_core::params::SettingsState;
 use windlass_core::params::table::{Kind, Parameter, ParameterId, TABLE};
 use windlass_core::reset::ResetCause;
 
@@ -39,6 +40,7 @@ enum Form {
     Integer,
     Faults,
     Cause,
+    Settings,
     Word,
 }
 
@@ -46,6 +48,7 @@ fn form(row: &Parameter) -> Form {
     match row.id {
         ParameterId::ActiveFaults | ParameterId::StickyFaults => Form::Faults,
         ParameterId::ResetCause => Form::Cause,
+        ParameterId::SettingsState => Form::Settings,
         ParameterId::ResetDetail | ParameterId::ResetPlace => Form::Word,
         // 31-bit unsigned in the guide, but it limits an accumulator of 16.16 amperes.
         ParameterId::CurrentLimitIZone => Form::Fixed,
@@ -136,7 +139,7 @@ impl Value {
         match form(self.parameter.row()) {
             Form::Fixed => signed / ONE,
             Form::Fine => self.fine(),
-            Form::Flag | Form::Integer | Form::Faults | Form::Cause => signed,
+            Form::Flag | Form::Integer | Form::Faults | Form::Cause | Form::Settings => signed,
             Form::Word => f64::from(self.raw),
         }
     }
@@ -150,6 +153,7 @@ impl fmt::Display for Value {
             Form::Flag => return write!(out, "{}", self.raw),
             Form::Faults => return out.write_str(&fault_names(self.raw)),
             Form::Cause => return out.write_str(cause_name(self.raw)),
+            Form::Settings => return out.write_str(settings_name(self.raw)),
             Form::Word => return write!(out, "{:#x}", self.raw),
             Form::Fixed => out.write_str(&decimal(self.number(), 5))?,
             Form::Fine => out.write_str(&decimal(self.number(), 7))?,
@@ -190,6 +194,14 @@ pub(crate) fn cause_name(code: u32) -> &'static str {
         .ok()
         .and_then(ResetCause::from_code)
         .map_or("of a newer firmware", ResetCause::name)
+}
+
+/// The state of the stored settings by its name.
+pub(crate) fn settings_name(code: u32) -> &'static str {
+    SettingsState::ALL
+        .into_iter()
+        .find(|state| *state as u32 == code)
+        .map_or("of a newer firmware", SettingsState::name)
 }
 
 /// A fault's name in the guide.
@@ -500,7 +512,8 @@ mod tests {
 
     #[test]
     fn what_is_shown_reads_back_as_the_same_bits() {
-        let named = |row: &&Parameter| matches!(form(row), Form::Faults | Form::Cause);
+        let named =
+            |row: &&Parameter| matches!(form(row), Form::Faults | Form::Cause | Form::Settings);
         for row in TABLE.iter().filter(|row| !named(row)) {
             for raw in [
                 0,

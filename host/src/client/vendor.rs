@@ -110,6 +110,25 @@ impl<B: Bus> Client<B> {
         expect(address, command, &reply, CommandCode::NoError)
     }
 
+    /// Puts parameters, faults and the name of the device back to their defaults; with `all` also its number
+    /// and the strings of its manufacture. Returns its address afterwards.
+    ///
+    /// # Errors
+    /// No answer, or the device refused: a motor that is driven comes first.
+    pub fn factory_reset(&mut self, address: Address, all: bool) -> Result<Address, Error> {
+        let number = if all { 0 } else { address.number };
+        let exchange = Exchange {
+            param1: u16::from(all),
+            answers_as: number,
+            patience: WRITE_TIME,
+            attempts: 1,
+            ..Exchange::plain(Command::FactoryReset, address.number)
+        };
+        let reply = self.transact(address, &exchange)?;
+        expect(address, Command::FactoryReset, &reply, CommandCode::NoError)?;
+        Ok(Address { number, ..address })
+    }
+
     /// Lets the device show a rainbow on its LEDs for five seconds.
     ///
     /// # Errors

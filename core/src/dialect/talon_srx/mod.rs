@@ -30,7 +30,7 @@ use crate::engine::snapshot::{DriveState, Fault, Faults, LimitStatus};
 use crate::field::saturate_i16;
 use crate::frame::Frame;
 use crate::frc_id::{NUMBER_MASK, base, number};
-use crate::params::Params;
+use crate::params::{Params, SaveRule};
 use crate::params::table::ParameterId;
 use crate::time::{Duration, Instant, TICKS_PER_MS};
 use crate::units::Duty;
@@ -114,6 +114,9 @@ impl Dialect for TalonSrx {
         sticky: StickyRule::Presence,
         pause_ticks: (100 * TICKS_PER_MS) as u16,
     };
+
+    /// At most once in 15 s, the latest values always (manual 11.1).
+    const SAVE_RULE: SaveRule = SaveRule::SinceLastSave;
 
     fn accepts(&self, own: u8, id: Id) -> bool {
         let Id::Extended(id) = id else { return false };

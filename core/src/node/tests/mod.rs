@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod keeping;
 mod reset;
 mod stored;
 
@@ -16,6 +17,7 @@ use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{
     ParameterRequest, ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
 };
+use crate::params::journal::{SaveError, Saved};
 use crate::time::{Duration, TICK};
 use proptest::prelude::*;
 
@@ -27,7 +29,11 @@ struct Bench {
     snapshot: Snapshot,
     now: Instant,
     sent: Vec<(Instant, Frame)>,
+    /// What the node has asked for, but for confirmations.
     actions: Vec<Action>,
+    confirmations: u32,
+    /// How the settings memory fails.
+    memory: Option<SaveError>,
 }
 
 impl Bench {
@@ -55,6 +61,8 @@ impl Bench {
             now: Instant::ZERO,
             sent: Vec::new(),
             actions: Vec::new(),
+            confirmations: 0,
+            memory: None,
         }
     }
 
@@ -67,16 +75,28 @@ impl Bench {
     }
 
     fn flush(&mut self) {
+        while let Some(action) = self.node.take_action() {
+            if action == Action::Confirm {
+                self.confirmations += 1;
+                continue;
+            }
+            self.actions.push(action);
+            if action == Action::Save {
+                let sequence = self.node.stored().sequence;
+                let result = self.memory.map_or(
+                    Ok(Saved {
+                        sequence,
+                        written: true,
+                    }),
+                    Err,
+                );
+                self.node.save_ended(self.now, result);
+            }
+        }
         while let Some(transmission) = self.node.poll_tx(self.now, &self.snapshot) {
             self.sent.push((self.now, transmission.frame));
             self.node
                 .on_transmitted(self.now, transmission.tag, TxOutcome::Sent);
-        }
-        while let Some(action) = self.node.take_action() {
-            self.actions.push(action);
-            if action == Action::Save {
-                self.node.saved();
-            }
         }
     }
 

@@ -179,3 +179,16 @@ fn the_flash_sequence_number_counts_writes() {
     assert_eq!(bench.vendor(0x62, 0).unwrap().byte_count, 4);
     assert_eq!(bench.sent[1].1.data(), [2, 0, 0, 0]);
 }
+
+#[test]
+fn the_first_answer_that_is_sent_confirms_the_image_once() {
+    let mut bench = Bench::connected();
+    bench.run(1_000);
+    assert_eq!(bench.confirmations, 0, "status frames are no answers");
+    bench.get(16);
+    bench.run(1);
+    assert_eq!(bench.confirmations, 1);
+    bench.get(16);
+    bench.run(1);
+    assert_eq!(bench.confirmations, 1);
+}
