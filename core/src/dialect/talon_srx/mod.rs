@@ -115,7 +115,7 @@ impl Dialect for TalonSrx {
         pause_ticks: (100 * TICKS_PER_MS) as u16,
     };
 
-    /// Manual 11.1: a change is saved at once, but not before 15 s have passed since the last save.
+    /// At most once in 15 s, the latest values always (manual 11.1).
     const SAVE_RULE: SaveRule = SaveRule::SinceLastSave;
 
     fn accepts(&self, own: u8, id: Id) -> bool {
@@ -155,8 +155,8 @@ impl Dialect for TalonSrx {
                 let (setpoint, opts) = self.tell(&control.general);
                 Decoded::Intent(Intent::Prepare(setpoint, opts))
             }),
-            id::STATUS_1 => Status1::parse(frame).map(|status| {
-                let duty = Duty::from_throttle(i32::from(status.throttle));
+            id::STATUS_1 => Status1::parse_throttle(frame).map(|throttle| {
+                let duty = Duty::from_throttle(i32::from(throttle));
                 Decoded::Intent(Intent::MasterReport(duty))
             }),
             id::PARAMETER_REQUEST => wire::ParameterRequest::parse(frame)
