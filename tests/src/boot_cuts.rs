@@ -24,7 +24,7 @@ const RESCUE: u16 = 0x0201;
 
 /// One step of a controller's life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
+pub(crate) enum Step {
     /// Into the bootloader, if it does not run already.
     Enter,
     /// A page of the new image, with the answer that is due if nothing was cut.
@@ -67,9 +67,9 @@ pub struct Scenario {
     /// Its name.
     pub name: &'static str,
     /// Versions before and after; 0 = an erased chip.
-    from: u16,
-    to: u16,
-    steps: Vec<Step>,
+    pub(crate) from: u16,
+    pub(crate) to: u16,
+    pub(crate) steps: Vec<Step>,
 }
 
 /// Every scenario of the sweep.
