@@ -13,7 +13,7 @@ use crate::error::Error;
 const FLASH_START: u64 = 0x0800_0000;
 /// Budgets of a real board's application: flash and static RAM in bytes.
 // The goal is 40 KiB; the second dialect took 8 KiB, and what of it can be won back is open (docs/firmware.md).
-const FLASH_BUDGET: u64 = 44 * 1024;
+const FLASH_BUDGET: u64 = 48 * 1024;
 const RAM_BUDGET: u64 = 8 * 1024;
 
 /// A section that takes up memory.

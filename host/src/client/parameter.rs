@@ -403,7 +403,7 @@ mod tests {
         let parse = |id: ParameterId, text: &str| Value::parse(id.row(), text);
         let value = parse(ParameterId::ThrottleSlot0P, "0.2").unwrap();
         assert_eq!(value.raw, 838_861);
-        assert_eq!(value.to_string(), "0.2000003 throttle/count");
+        assert_eq!(value.to_string(), "0.2 throttle/count");
         let high = parse(ParameterId::ThrottleSlot0P, "1023.9999998 throttle/count").unwrap();
         assert_eq!(high.raw, u32::MAX);
         assert_eq!(high.to_string(), "1023.9999998 throttle/count");
