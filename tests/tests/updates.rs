@@ -5,7 +5,7 @@ use windlass_core::boot::slots::Refresh;
 use windlass_core::boot::status::Reason;
 use windlass_core::management::vendor::{Command, CommandCode};
 use windlass_core::reset::ResetCause;
-use windlass_sim::nor::{Cut, CutPoint};
+use windlass_sim::nor::{Cut, CutPoint, Region};
 use windlass_tests::boot_bench::{Bench, Image, Running, f405, g431, g474};
 
 /// Runs a test on all three chips.
@@ -379,3 +379,38 @@ on_every_chip!(
         }
     }
 );
+
+// An erase that is cut at its very beginning can leave everything readable, and the cells weak. So before the
+// first erase the old image is void already.
+on_every_chip!(an_image_is_void_before_anything_of_it_is_erased, bench, {
+    if bench.slots().fallback.is_some() {
+        let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        let new = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+        install(&mut bench, &old);
+        bench.restart(true);
+        let erased =
+            |bench: &Bench<_, _, _>| -> u32 { bench.chip.erases(Region::Application).iter().sum() };
+        let before = erased(&bench);
+        let mut seen = Vec::new();
+        cut_everywhere(
+            &mut bench,
+            |bench| {
+                bench.restart(true);
+                bench.send_page(LAST_PAGE, &new.pages[&LAST_PAGE], 0);
+            },
+            |bench| {
+                let erased = erased(bench) > before;
+                bench.power_cycle();
+                seen.push((bench.version(), erased));
+            },
+        );
+        let first = seen.iter().position(|(_, erased)| *erased).unwrap();
+        assert_eq!(seen[0], (Some(0x0117), false));
+        // The cut right before the first erase, and all after it.
+        assert!(
+            seen[first - 1..]
+                .iter()
+                .all(|(version, _)| version.is_none())
+        );
+    }
+});
