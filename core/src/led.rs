@@ -226,7 +226,12 @@ mod tests {
     }
 
     fn ring(ms: u32, indication: Indication) -> [Colour; 4] {
-        leds(Instant::from_micros(u64::from(ms) * 1000), indication, Neutral::Brake).ring
+        leds(
+            Instant::from_micros(u64::from(ms) * 1000),
+            indication,
+            Neutral::Brake,
+        )
+        .ring
     }
 
     #[test]

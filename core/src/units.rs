@@ -20,6 +20,9 @@ pub type Celsius = I16F16;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Duty(i16);
 
+/// Full forward in 10-bit throttle units (Talon SRX manual, 17.5).
+pub const THROTTLE_FULL: i32 = 1023;
+
 impl Duty {
     /// No output.
     pub const ZERO: Self = Self(0);
@@ -52,6 +55,22 @@ impl Duty {
         Self::saturating(-i32::from(self.0))
     }
 
+    /// A duty cycle from 10-bit throttle units (−[`THROTTLE_FULL`] to [`THROTTLE_FULL`], saturated).
+    ///
+    /// throttle × 32768 / 1023 rounded to the nearest, so that ±1023 are full forward (32767) and full
+    /// reverse (−32768), and [`Duty::throttle`] gives every throttle back.
+    #[must_use]
+    pub fn from_throttle(throttle: i32) -> Self {
+        let throttle = throttle.clamp(-THROTTLE_FULL, THROTTLE_FULL);
+        Self::saturating(divided(throttle * 32768, THROTTLE_FULL))
+    }
+
+    /// The duty cycle in 10-bit throttle units, rounded to the nearest: −1023 to 1023.
+    #[must_use]
+    pub fn throttle(self) -> i32 {
+        divided(i32::from(self.0) * THROTTLE_FULL, 32768)
+    }
+
     /// Size of the duty cycle without its direction, 0 to 32768.
     #[must_use]
     pub const fn magnitude(self) -> u16 {
@@ -59,9 +78,34 @@ impl Duty {
     }
 }
 
+/// `numerator` / `denominator` (which is positive), halves away from zero: both directions alike.
+const fn divided(numerator: i32, denominator: i32) -> i32 {
+    let half = if numerator < 0 {
+        -(denominator / 2)
+    } else {
+        denominator / 2
+    };
+    (numerator + half) / denominator
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_throttle_survives_the_duty_and_the_ends_are_full() {
+        for throttle in -1023..=1023 {
+            let duty = Duty::from_throttle(throttle);
+            assert_eq!(duty.throttle(), throttle);
+            if throttle > -1023 && throttle < 1023 {
+                assert_eq!(duty.reversed(), Duty::from_throttle(-throttle));
+            }
+        }
+        assert_eq!(Duty::from_throttle(1023), Duty::MAX);
+        assert_eq!(Duty::from_throttle(-1023), Duty::MIN);
+        assert_eq!(Duty::from_throttle(i32::MAX), Duty::MAX);
+        assert_eq!(Duty::from_throttle(512), Duty::new(16400));
+    }
 
     #[test]
     fn full_reverse_reverses_without_overflow() {

@@ -1,4 +1,4 @@
-//! A position of 32 bits from a hardware counter of 16.
+//! Counting in the tick: a position of 32 bits from a hardware counter of 16, and edges of a pin.
 
 use windlass_core::engine::snapshot::IndexCapture;
 
@@ -37,9 +37,50 @@ impl Position {
     }
 }
 
+/// Counts rising edges of a pin that is read once a tick. The timers count quadrature and no single channel,
+/// so a level that lasts for less than a tick is missed: good for 1000 edges a second.
+#[derive(Clone, Copy, Debug)]
+pub struct Rises {
+    level: bool,
+    edges: u16,
+}
+
+impl Rises {
+    /// No edge yet; the pin has been high, as its pull-up makes it.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            level: true,
+            edges: 0,
+        }
+    }
+
+    /// Edges so far, wrapping, with this level now.
+    pub fn follow(&mut self, level: bool) -> u16 {
+        if level && !self.level {
+            self.edges = self.edges.wrapping_add(1);
+        }
+        self.level = level;
+        self.edges
+    }
+}
+
+impl Default for Rises {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_rising_edges_are_counted() {
+        let mut rises = Rises::new();
+        let seen = [true, false, false, true, true, false, true].map(|level| rises.follow(level));
+        assert_eq!(seen, [0, 0, 0, 1, 1, 1, 2]);
+    }
 
     #[test]
     fn a_position_goes_on_over_the_counters_ends_in_both_directions() {

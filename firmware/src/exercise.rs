@@ -9,6 +9,7 @@ use windlass_core::engine::settings::{
     Board, CurrentLimit, IndexSettings, LimitSettings, Policy, Resume, Settings, SlotSettings,
 };
 use windlass_core::engine::snapshot::{Actuation, IndexCapture, Pins, Pulse, Sample, Snapshot};
+use windlass_core::engine::throttle_law::ThrottleGains;
 use windlass_core::units::{Amps, Duty, Volts};
 
 /// Ticks between two sets of settings: half a second.
@@ -86,6 +87,7 @@ impl Exercise {
             command.set_position = SetPosition {
                 counts: random.within(100_000),
                 generation: command.set_position.generation.wrapping_add(1),
+                ..SetPosition::default()
             };
         }
         command.master = MasterReport {
@@ -208,6 +210,7 @@ fn options(random: &mut Random) -> DriveOpts {
         } else {
             random.below(2000) as u16
         },
+        ..DriveOpts::default()
     }
 }
 
@@ -223,8 +226,10 @@ fn settings(random: &mut Random) -> Settings {
             } else {
                 Resume::AnyCommand
             },
+            ..Policy::BASE
         },
         slots: [slot(random), slot(random)],
+        throttle_slots: [ThrottleGains::default(); 2],
         current_limit: CurrentLimit {
             enabled: random.one_in(2),
             begin_above: random.below(20 << 16) as i32,

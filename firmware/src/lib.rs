@@ -41,8 +41,8 @@ pub mod info;
 #[cfg(all(target_os = "none", feature = "bootloader"))]
 pub mod launch;
 #[cfg(target_os = "none")]
-pub mod memory;
-#[cfg(target_os = "none")]
 pub mod log;
+#[cfg(target_os = "none")]
+pub mod memory;
 #[cfg(target_os = "none")]
 pub mod stack;

@@ -100,8 +100,7 @@ impl Record {
             }
             Some(handover) => (handover.session, HAS_HANDOVER),
         };
-        let first =
-            reset.cause as u32 | flags | u32::from(*bootloader_version) << VERSION_SHIFT;
+        let first = reset.cause as u32 | flags | u32::from(*bootloader_version) << VERSION_SHIFT;
         let session = u32::from(session);
         let (detail, place) = (reset.detail, reset.place);
         let sum = checksum(first, detail, place) ^ session;

@@ -77,6 +77,7 @@ impl Rig {
             pins: self.inputs.read(),
             index_rising,
             index_falling,
+            encoder_a_rises: self.plant.encoder.a_rises(),
             current: conversions.current,
             bus_voltage: conversions.bus_voltage,
             temperature: conversions.temperature,

@@ -4,12 +4,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use windlass_tests::boot_cuts::{Chip, Extent, Report, scenarios};
+use windlass_tests::guide_scheme;
 
 fn main() -> ExitCode {
     let ways = std::env::args()
         .nth(1)
         .and_then(|ways| ways.parse().ok())
-        .unwrap_or(20);
+        .unwrap_or(48);
     let extent = Extent {
         stride: 1,
         ways,
@@ -40,6 +41,14 @@ fn main() -> ExitCode {
         }
     }
     print("all", "", &sum);
+    println!("\nThe guide's scheme, on the flash of the STM32G474:");
+    let mut guide = guide_scheme::Report::default();
+    for (index, scenario) in scenarios().iter().enumerate() {
+        let report = guide_scheme::sweep(scenario, extent, index as u64 + 1);
+        println!("{:<28} {report}", scenario.name);
+        guide = guide.with(report);
+    }
+    println!("{:<28} {guide}", "all");
     println!("{:.0} s", begin.elapsed().as_secs_f64());
     if sum.is_clean() {
         ExitCode::SUCCESS

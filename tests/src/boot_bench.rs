@@ -43,7 +43,7 @@ impl Image {
     #[must_use]
     pub fn small(hardware: &Hardware, version: u16, pages: &[u8]) -> Self {
         Self::with(hardware, version, pages, |page, at| {
-            if at < 24 {
+            if at < 160 {
                 (version as u8).wrapping_mul(31) ^ page ^ (at as u8).wrapping_mul(5)
             } else {
                 0xFF
@@ -262,6 +262,24 @@ impl<const W: usize, const S: usize, const J: usize> Bench<W, S, J> {
             self.handover = Some(handover);
             self.reset(ResetCause::Requested);
         }
+    }
+
+    /// The loader's CAN controller becomes error passive or bus-off.
+    pub fn lose_bus(&mut self) {
+        if let Some(Running::Loader(loader, _)) = &mut self.running {
+            loader.on_bus_lost();
+            self.sent.clear();
+        }
+    }
+
+    /// The command and the data frames that carry a page.
+    #[must_use]
+    pub fn page_frames(&mut self, page: u8, content: &Page) -> Vec<Frame> {
+        let mut data = content.to_vec();
+        data.extend_from_slice(&page_transfer(content).to_le_bytes());
+        let mut frames = vec![self.command_frame(Command::EraseWriteFlashPage, 0, u16::from(page))];
+        frames.extend(self.data_frames(&data));
+        frames
     }
 
     fn pump(&mut self) {

@@ -24,7 +24,7 @@ const RESCUE: u16 = 0x0201;
 
 /// One step of a controller's life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
+pub(crate) enum Step {
     /// Into the bootloader, if it does not run already.
     Enter,
     /// A page of the new image, with the answer that is due if nothing was cut.
@@ -67,9 +67,9 @@ pub struct Scenario {
     /// Its name.
     pub name: &'static str,
     /// Versions before and after; 0 = an erased chip.
-    from: u16,
-    to: u16,
-    steps: Vec<Step>,
+    pub(crate) from: u16,
+    pub(crate) to: u16,
+    pub(crate) steps: Vec<Step>,
 }
 
 /// Every scenario of the sweep.
@@ -345,10 +345,29 @@ impl<const W: usize, const S: usize, const J: usize> Subject<W, S, J> {
         // What reads differently from one time to the next must not lead to anything else either.
         self.bench.power_cycle();
         self.judge(&[allowed[0], allowed[1], RESCUE], report);
+        // One half of the hosts goes on where it was, the other one begins anew.
+        if cut.operation.is_multiple_of(2) {
+            self.resume();
+            self.judge(&[allowed[0], allowed[1], RESCUE], report);
+        }
         let rescued = (0..2).any(|_| self.rescue());
         report.bricks += u64::from(!rescued);
         self.judge(&[RESCUE], report);
         report.misuses += self.bench.chip.misuses() - misuses;
+    }
+
+    /// Sends the pages that are missing of an update that has begun, whatever is answered, and restarts.
+    fn resume(&mut self) {
+        let image = self.images[&self.scenario.to].clone();
+        let bench = &mut self.bench;
+        bench.enter();
+        let status = bench.status().unwrap_or_default();
+        for page in image.order() {
+            if status.wanted != 0 && (status.wanted & !status.stored) >> page & 1 != 0 {
+                bench.send_page(page, &image.pages[&page], 0);
+            }
+        }
+        bench.soft_reset();
     }
 
     /// Flashes another image by the bus; true if it runs afterwards, also from power-on.

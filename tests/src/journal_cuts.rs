@@ -211,6 +211,25 @@ impl<const WRITE: usize, const ERASE: usize> Subject<WRITE, ERASE> {
         report.misuses += self.chip.misuses() - misuses;
     }
 
+    /// Saves until the unit that comes next is in use: it must not be taken for erased if it is not.
+    fn go_round(&mut self, report: &mut Report) {
+        let misuses = self.chip.misuses();
+        let erases = |chip: &NorChip| chip.erases(Region::Journal).iter().sum::<u32>();
+        let before = erases(&self.chip);
+        let mut stored = self.load();
+        for number in (1..=62).cycle().take(400) {
+            stored.number = number;
+            let saved = self.perform(Step::Save, &stored);
+            report.stuck += u64::from(saved.is_err());
+            self.chip.power_off();
+            report.wrong += u64::from(self.restart().number != number);
+            if erases(&self.chip) > before {
+                break;
+            }
+        }
+        report.misuses += self.chip.misuses() - misuses;
+    }
+
     /// What is to be in force after the next save.
     fn after(&self) -> Stored {
         Stored {
@@ -228,6 +247,9 @@ fn points(ways: u64, seed: u64) -> impl Iterator<Item = CutPoint> {
         .into_iter()
         .chain(inside)
 }
+
+/// Operations at the end of a save that are interrupted in more ways than the others.
+const LAST_CELLS: u64 = 6;
 
 /// Sweeps one geometry.
 fn sweep<const WRITE: usize, const ERASE: usize>(
@@ -279,7 +301,13 @@ fn step<const WRITE: usize, const ERASE: usize>(
     let end = subject.chip.operations();
     let (after, whole) = (subject.chip.save(), subject.journal);
     for operation in (first..end).step_by(if pairs { extent.stride } else { 1 }) {
-        for point in points(extent.ways, operation) {
+        // An erase is one operation of many outcomes, and of a set the last cells decide.
+        let ways = match step {
+            Step::EraseAhead => 32 * extent.ways,
+            Step::Save if operation + LAST_CELLS >= end => 8 * extent.ways,
+            Step::Save => extent.ways,
+        };
+        for point in points(ways, operation) {
             subject.chip.restore(&before);
             subject.journal = journal;
             subject.chip.cut_at(Some(Cut { operation, point }));
@@ -289,6 +317,9 @@ fn step<const WRITE: usize, const ERASE: usize>(
                 second_cuts(subject, &old, &new, extent, report);
             } else {
                 subject.judge(&old, &new, report);
+            }
+            if step == Step::EraseAhead {
+                subject.go_round(report);
             }
         }
     }

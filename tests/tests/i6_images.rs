@@ -2,6 +2,7 @@
 //! whole.
 
 use windlass_tests::boot_cuts::{Chip, Extent, Report, scenarios};
+use windlass_tests::guide_scheme;
 
 /// Sweeps every scenario on one chip.
 fn sample(chip: Chip) -> Report {
@@ -39,4 +40,20 @@ fn i6_every_cut_boots_the_old_or_the_new_image_or_can_be_flashed_on_a_g474() {
 #[test]
 fn i6_every_cut_boots_the_old_or_the_new_image_or_can_be_flashed_on_a_g431() {
     assert!(sample(Chip::G431).cuts > 300);
+}
+
+/// The sweep is known to be able to fail: the scheme of the protocol guide does, in both ways.
+#[test]
+fn i6_the_guide_s_scheme_fails_the_same_sweep() {
+    let extent = Extent {
+        stride: 3,
+        ways: 1,
+        pairs: 0,
+    };
+    let mut sum = guide_scheme::Report::default();
+    for scenario in scenarios() {
+        sum = sum.with(guide_scheme::sweep(&scenario, extent, 7));
+    }
+    assert!(sum.bricks > 0, "{sum}");
+    assert!(sum.wrong > 0, "{sum}");
 }

@@ -91,6 +91,8 @@ fn synthetic_trace(ticks: usize) -> Vec<TickRecord> {
         random
     };
     let policy = DialectKind::Dmc60c.policy();
+    // The rows that this dialect's drive depends on: rows that others add change nothing here.
+    let rows: Vec<_> = TABLE.iter().filter(|row| row.id.code() < 130).collect();
     let mut params = Params::new();
     let mut settings = compile::settings(&params, &Board::REFERENCE, &policy);
     let mut command = Command::default();
@@ -137,7 +139,7 @@ fn synthetic_trace(ticks: usize) -> Vec<TickRecord> {
             command.master.sequence += next() % 2;
         }
         if tick.is_multiple_of(500) {
-            let row = &TABLE[next() as usize % TABLE.len()];
+            let row = &rows[next() as usize % rows.len()];
             let _ = params.set(row.id, next() >> (next() % 32));
             settings = compile::settings(&params, &Board::REFERENCE, &policy);
         }
@@ -153,7 +155,7 @@ fn synthetic_trace(ticks: usize) -> Vec<TickRecord> {
 
 /// Debug and release builds, and every machine, are compared with this and so with one another. It changes
 /// only when the arithmetic of the engine, the table of parameters or the generator above change.
-const EXPECTED: u64 = 0x9315_5f30_931b_f498;
+const EXPECTED: u64 = 0x499d_c930_9bd4_4b3e;
 
 #[test]
 fn i10_every_build_gives_the_same_actuation_stream() {

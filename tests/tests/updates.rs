@@ -1,9 +1,11 @@
 //! The bootloader's page protocol and the life of an image, on every chip.
 
 use windlass_core::boot::image::{Hardware, LAST_PAGE, PAGE_SIZE};
+use windlass_core::boot::slots::Refresh;
 use windlass_core::boot::status::Reason;
 use windlass_core::management::vendor::{Command, CommandCode};
 use windlass_core::reset::ResetCause;
+use windlass_sim::nor::{Cut, CutPoint, Region};
 use windlass_tests::boot_bench::{Bench, Image, Running, f405, g431, g474};
 
 /// Runs a test on all three chips.
@@ -291,4 +293,124 @@ on_every_chip!(the_fallback_is_put_back_by_command, bench, {
     assert_eq!(bench.status().unwrap().application, version);
     bench.soft_reset();
     assert_eq!(bench.version(), Some(version));
+});
+
+/// Cuts `act` before, inside and after each of its flash operations, from the same state each time, and
+/// shows what is there when the power is back.
+fn cut_everywhere<const W: usize, const S: usize, const J: usize>(
+    bench: &mut Bench<W, S, J>,
+    act: impl Fn(&mut Bench<W, S, J>),
+    mut look: impl FnMut(&mut Bench<W, S, J>),
+) {
+    let before = bench.chip.save();
+    let first = bench.chip.operations();
+    act(bench);
+    let operations = bench.chip.operations();
+    assert!(operations > first, "nothing is written");
+    for operation in first..operations {
+        for point in [
+            CutPoint::Before,
+            CutPoint::Inside(operation),
+            CutPoint::After,
+        ] {
+            bench.chip.restore(&before);
+            bench.chip.cut_at(Some(Cut { operation, point }));
+            act(bench);
+            bench.chip.cut_at(None);
+            bench.chip.power_on();
+            look(bench);
+        }
+    }
+}
+
+on_every_chip!(an_interrupted_restore_goes_on_by_itself, bench, {
+    if bench.slots().fallback.is_some() {
+        let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        let new = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+        install(&mut bench, &old);
+        bench.enter();
+        bench.send_image(&new);
+        bench.soft_reset();
+        for _ in 0..2 {
+            bench.reset(ResetCause::Watchdog);
+        }
+        let mut versions = Vec::new();
+        cut_everywhere(
+            &mut bench,
+            |bench| bench.reset(ResetCause::Watchdog),
+            |bench| {
+                bench.power_cycle();
+                versions.push(bench.version());
+                assert!(bench.holds(&old) || bench.holds(&new));
+            },
+        );
+        // The new image where the third failure was not recorded yet, the old one from then on.
+        assert!(versions.contains(&Some(0x0118)) && versions.contains(&Some(0x0117)));
+        assert!(!versions.contains(&None), "{versions:?}");
+    }
+});
+
+on_every_chip!(
+    a_fallback_that_is_being_written_is_known_to_be_void,
+    bench,
+    {
+        if bench.slots().fallback.is_some() {
+            let image = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+            assert!(bench.enter());
+            bench.send_image(&image);
+            bench.soft_reset();
+            bench.application_answers();
+            let mut seen = Vec::new();
+            cut_everywhere(
+                &mut bench,
+                |bench| bench.reset(ResetCause::PowerOn),
+                |bench| {
+                    let slots = bench.slots();
+                    let refresh = slots.application.log().refresh;
+                    let fallback = slots.fallback.as_mut().map(|slot| slot.log());
+                    let written = fallback.is_some_and(|log| log.committed().is_some());
+                    assert!(!written || refresh != Refresh::Idle);
+                    seen.push(refresh);
+                },
+            );
+            for refresh in [Refresh::Idle, Refresh::Begun, Refresh::Done] {
+                assert!(seen.contains(&refresh), "{refresh:?}");
+            }
+        }
+    }
+);
+
+// An erase that is cut at its very beginning can leave everything readable, and the cells weak. So before the
+// first erase the old image is void already.
+on_every_chip!(an_image_is_void_before_anything_of_it_is_erased, bench, {
+    if bench.slots().fallback.is_some() {
+        let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        let new = Image::small(&bench.hardware, 0x0118, &[0, 1]);
+        install(&mut bench, &old);
+        bench.restart(true);
+        let erased =
+            |bench: &Bench<_, _, _>| -> u32 { bench.chip.erases(Region::Application).iter().sum() };
+        let before = erased(&bench);
+        let mut seen = Vec::new();
+        cut_everywhere(
+            &mut bench,
+            |bench| {
+                bench.restart(true);
+                bench.send_page(LAST_PAGE, &new.pages[&LAST_PAGE], 0);
+            },
+            |bench| {
+                let erased = erased(bench) > before;
+                bench.power_cycle();
+                seen.push((bench.version(), erased));
+            },
+        );
+        let first = seen.iter().position(|(_, erased)| *erased).unwrap();
+        assert_eq!(seen[0], (Some(0x0117), false));
+        // The cut right before the first erase, and all after it.
+        assert!(
+            seen[first - 1..]
+                .iter()
+                .all(|(version, _)| version.is_none())
+        );
+    }
 });

@@ -48,7 +48,10 @@ pub(crate) fn run(name: &str) -> Result<Files, Error> {
     println!("\nelf    {} (for debuggers)", elf.display());
     println!("       {}", bootloader.path().display());
     println!("bin    {} (application, sealed)", files.binary.display());
-    println!("hex    {} (application, sealed: for `windlass flash`)", files.hex.display());
+    println!(
+        "hex    {} (application, sealed: for `windlass flash`)",
+        files.hex.display()
+    );
     println!(
         "hex    {} (bootloader and application, for the first flashing)",
         files.whole.display()

@@ -80,7 +80,9 @@ fn seal(bytes: &[u8], length: usize) -> Result<(Header, Page), String> {
     let mut pages: Vec<Page> = Vec::new();
     for chunk in bytes.chunks(PAGE_SIZE) {
         let mut page = [0xFF; PAGE_SIZE];
-        page.iter_mut().zip(chunk).for_each(|(to, from)| *to = *from);
+        page.iter_mut()
+            .zip(chunk)
+            .for_each(|(to, from)| *to = *from);
         pages.push(page);
     }
     let mut last = [0xFF; PAGE_SIZE];
@@ -96,7 +98,8 @@ fn seal(bytes: &[u8], length: usize) -> Result<(Header, Page), String> {
         let place = numbers.iter().position(|candidate| *candidate == number)?;
         pages.get(place)
     };
-    let header = pack(page, &mut last).map_err(|error| format!("it cannot be packed: {error:?}"))?;
+    let header =
+        pack(page, &mut last).map_err(|error| format!("it cannot be packed: {error:?}"))?;
     Ok((header, last))
 }
 

@@ -48,7 +48,10 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
     }
     println!("static worst case {total} bytes (with {EXCEPTION_FRAME} pushed for each interrupt)");
     if board.name == board::EMULATED {
-        println!("high-water mark   {} bytes", high_water(&toolchain, &board, &folder, &elf)?);
+        println!(
+            "high-water mark   {} bytes",
+            high_water(&toolchain, &board, &folder, &elf)?
+        );
     } else {
         println!("high-water mark   not known: this board is not emulated");
     }
@@ -74,7 +77,13 @@ fn high_water(
         cause,
     };
     fs::write(&seen, "").map_err(failed)?;
-    emulator::test_image(toolchain, board, elf, &TESTS.map(str::to_owned), Some(&seen))?;
+    emulator::test_image(
+        toolchain,
+        board,
+        elf,
+        &TESTS.map(str::to_owned),
+        Some(&seen),
+    )?;
     let text = fs::read_to_string(&seen).map_err(failed)?;
     Ok(text
         .lines()

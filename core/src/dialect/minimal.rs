@@ -42,6 +42,7 @@ impl Dialect for Minimal {
         master_timeout_ticks: 0,
         fault_hold_ticks: (1000 * TICKS_PER_MS) as u16,
         resume: Resume::AnyCommand,
+        ..Policy::BASE
     };
 
     fn accepts(&self, number: u8, id: Id) -> bool {

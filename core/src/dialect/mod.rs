@@ -6,16 +6,15 @@
 
 use embedded_can::Id;
 
-use crate::engine::command::{DriveOpts, Setpoint};
+use crate::engine::command::{DriveOpts, PositionOf, Setpoint};
 use crate::engine::settings::Policy;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Faults, Snapshot};
 use crate::frame::Frame;
 use crate::params::{Params, SaveRule};
 use crate::time::Instant;
 use crate::units::Duty;
 
 pub mod schedule;
-pub mod talon_srx;
 
 /// Why a frame that was meant for this device was not obeyed. Each reason has its counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,10 +32,26 @@ pub enum Bad {
 /// What a driving frame asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
-    /// Drive like this from now on; restarts the heartbeat, or switches off with [`Setpoint::Off`].
+    /// Drive like this from now on; restarts the heartbeat, or switches off with [`Setpoint::Off`]. Where
+    /// the permission is separate this gives it too.
     Drive(Setpoint, DriveOpts),
+    /// Drive like this as soon and as long as there is permission.
+    Prepare(Setpoint, DriveOpts),
+    /// Gives permission to drive for the policy's time, or withdraws it at once.
+    Enable(bool),
     /// The followed controller reports its duty cycle.
     MasterReport(Duty),
+    /// Overwrites a position.
+    SetPosition(PositionOf, i32),
+    /// Overwrites the sum of errors of the closed loop.
+    SetAccumulator(i32),
+    /// Clears what is asked for.
+    Clear {
+        /// The selected sensor's position.
+        position: bool,
+        /// The sticky faults and limits.
+        sticky: bool,
+    },
 }
 
 /// A question about a parameter.
@@ -62,6 +77,8 @@ pub struct Outcome {
 pub enum Decoded {
     /// Nothing for this device.
     Ignored,
+    /// Handled by the dialect itself.
+    Done,
     /// A driving frame.
     Intent(Intent),
     /// A question about a parameter.
@@ -79,6 +96,21 @@ pub enum Outgoing {
     Status(Frame),
 }
 
+/// The device apart from its drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Device {
+    /// Faults since they were last cleared.
+    pub sticky: Faults,
+    /// Version of the application, major and minor byte.
+    pub version: u16,
+    /// Restarts since power-on.
+    pub reset_count: u16,
+    /// Code of the [cause](crate::reset::ResetCause) of the last reset.
+    pub reset_flags: u16,
+    /// Settings have been changed and not yet been kept.
+    pub unsaved: bool,
+}
+
 /// What a dialect may look at when it encodes.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
@@ -88,6 +120,8 @@ pub struct View<'a> {
     pub params: &'a Params,
     /// State of the drive.
     pub snapshot: &'a Snapshot,
+    /// The device.
+    pub device: Device,
 }
 
 /// A driving dialect.
@@ -170,6 +204,8 @@ macro_rules! dialects {
         }
 
         /// Any dialect, chosen at run time.
+        // One of them lives in each node, and nothing here allocates.
+        #[allow(clippy::large_enum_variant)]
         #[derive(Clone, Debug)]
         pub enum AnyDialect {
             $(
@@ -238,6 +274,7 @@ macro_rules! dialects {
 
 dialects! {
     dmc60c::Dmc60c,
+    talon_srx::TalonSrx,
     #[cfg(feature = "example-dialect")]
     minimal::Minimal,
 }

@@ -15,6 +15,8 @@ pub struct Periodic {
 
 impl Periodic {
     /// Starts the rhythm.
+    // Not inlined, as `take`: every periodic frame of every dialect would have a copy.
+    #[inline(never)]
     pub fn start(&mut self, now: Instant, period: Duration) {
         self.period = period;
         self.due = Some(now + period);
@@ -32,6 +34,7 @@ impl Periodic {
     }
 
     /// True once for every frame that is due. A changed period starts a new rhythm.
+    #[inline(never)]
     pub fn take(&mut self, now: Instant, period: Duration) -> bool {
         let Some(due) = self.due else { return false };
         if period != self.period {

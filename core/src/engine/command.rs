@@ -56,6 +56,8 @@ pub enum Setpoint {
     Follow(u8),
     /// The duty cycle that the RC-PWM input asks for; the source of drive while there is no CAN bus.
     Pulse,
+    /// Nothing is driven although the drive may run: neutral, with the heartbeat going on.
+    Neutral,
 }
 
 impl Setpoint {
@@ -63,7 +65,7 @@ impl Setpoint {
     #[must_use]
     pub fn is_nonzero(self) -> bool {
         match self {
-            Self::Off => false,
+            Self::Off | Self::Neutral => false,
             Self::Duty(duty) => duty != Duty::ZERO,
             Self::Velocity(counts) | Self::Position(counts) => counts != 0,
             Self::Current(value) | Self::Voltage(value) => value != 0,
@@ -84,6 +86,22 @@ pub struct LimitOverride {
     pub disable_reverse: bool,
 }
 
+/// The sensor of closed loops and soft limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SensorSelect {
+    /// Quadrature encoder, four counts per cycle.
+    #[default]
+    Quadrature,
+    /// Analog input, 0 to 1023.
+    AnalogPotentiometer,
+    /// Analog input that goes on counting past either end.
+    AnalogEncoder,
+    /// Rising edges of channel A.
+    RisingEdges,
+    /// No sensor: position and velocity are 0.
+    None,
+}
+
 /// Options that hold as long as the command that carries them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DriveOpts {
@@ -93,12 +111,22 @@ pub struct DriveOpts {
     pub neutral: Option<Neutral>,
     /// Limit switch override.
     pub limits: LimitOverride,
-    /// Count encoder and velocity the other way round (ignored while following).
+    /// The sensor of closed loops and soft limits; the encoder unless the policy follows
+    /// [all](super::policy::SensorSet::All).
+    pub sensor: SensorSelect,
+    /// Count the selected sensor the other way round (with [`SensorSet::Encoder`] ignored while
+    /// following).
+    ///
+    /// [`SensorSet::Encoder`]: super::policy::SensorSet::Encoder
     pub reverse_sensor: bool,
     /// Drive the terminals the other way round.
     pub reverse_motor: bool,
-    /// Largest change of the duty cycle per 500 µs tick in throttle units outside the closed loops;
-    /// 0 = at once.
+    /// Largest change of the duty cycle, 0 = at once: with [`Law::PerTick`] throttle units (±32767) per
+    /// 500 µs tick outside the closed loops, with [`Law::Throttle`] throttle units (±1023) per 10 ms in
+    /// every mode.
+    ///
+    /// [`Law::PerTick`]: super::policy::Law::PerTick
+    /// [`Law::Throttle`]: super::policy::Law::Throttle
     pub ramp: u16,
 }
 
@@ -111,13 +139,46 @@ pub struct MasterReport {
     pub sequence: u32,
 }
 
-/// An order to overwrite the encoder position. Acts once for every new `generation`.
+/// Whose position is overwritten.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PositionOf {
+    /// The selected sensor's, by its own rule, as seen after sensor reversal.
+    #[default]
+    Selected,
+    /// The quadrature encoder's, as it counts.
+    Encoder,
+}
+
+/// An order to overwrite a position. Acts once for every new `generation`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SetPosition {
+    /// Whose position.
+    pub of: PositionOf,
     /// New position in counts.
     pub counts: i32,
     /// Changes with every order.
     pub generation: u32,
+}
+
+/// An order to overwrite the sum of errors of the closed loop of [`Law::Throttle`]. Acts once for every
+/// new `generation`.
+///
+/// [`Law::Throttle`]: super::policy::Law::Throttle
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SetAccumulator {
+    /// New sum.
+    pub value: i32,
+    /// Changes with every order.
+    pub generation: u32,
+}
+
+/// Permission to drive, where it is [separate](super::policy::Enabling::Separate) from the command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Enable {
+    /// Changes with every permission; restarts its timeout.
+    pub sequence: u32,
+    /// The permission has been withdrawn.
+    pub withdrawn: bool,
 }
 
 /// Everything the engine is told, whole.
@@ -133,4 +194,10 @@ pub struct Command {
     pub master: MasterReport,
     /// Pending order to overwrite the position.
     pub set_position: SetPosition,
+    /// Pending order to overwrite the sum of errors.
+    pub set_accumulator: SetAccumulator,
+    /// Permission to drive, where the policy asks for it.
+    pub enable: Enable,
+    /// Changes with every event that makes the drive pause for the policy's time.
+    pub pause: u32,
 }

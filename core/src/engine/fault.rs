@@ -1,10 +1,11 @@
 //! Fault detection: every condition is judged here and nowhere else.
 //!
-//! A fault keeps the output off from the tick in which it is seen until the policy's hold time has
-//! passed since it was last seen (DMC60C guide, `paramActiveFaults`: 3 s, restarted by each fault).
+//! A fault that the policy counts as a stopping one keeps the output off from the tick in which it is seen
+//! until the policy's hold time has passed since it was last seen (DMC60C guide, `paramActiveFaults`: 3 s,
+//! restarted by each fault). The others are active exactly while they are seen and stop nothing.
 
 use super::sensor::Measured;
-use super::settings::Thresholds;
+use super::settings::{Policy, Thresholds};
 use super::snapshot::{Fault, Faults, Sample};
 
 /// Both ends of the 12-bit conversion.
@@ -18,6 +19,9 @@ pub struct FaultMonitor {
     over_temperature: u16,
     under_voltage: u16,
     hold: u16,
+    /// Faults that keep the output off.
+    stopping: Faults,
+    /// Those, and the ones that are only shown.
     active: Faults,
     events: [u8; 4],
 }
@@ -42,6 +46,7 @@ impl FaultMonitor {
             over_temperature: 0,
             under_voltage: 0,
             hold: 0,
+            stopping: Faults::NONE,
             active: Faults::NONE,
             events: [0; 4],
         }
@@ -51,7 +56,7 @@ impl FaultMonitor {
     pub fn update(
         &mut self,
         thresholds: &Thresholds,
-        hold_ticks: u16,
+        policy: &Policy,
         measured: &Measured,
         sample: &Sample,
     ) {
@@ -87,30 +92,44 @@ impl FaultMonitor {
                 seen = seen.with(fault);
             }
         }
+        self.hold(seen.intersection(policy.stopping), policy.fault_hold_ticks);
+        let active = self.stopping.union(seen);
+        if active != self.active {
+            self.count(active.without(self.active));
+            self.active = active;
+        }
+    }
+
+    /// Stopping faults stay for the hold time after the last one was seen.
+    fn hold(&mut self, seen: Faults, hold_ticks: u16) {
         if !seen.is_empty() {
-            self.signal(seen, hold_ticks);
+            self.stopping = self.stopping.union(seen);
+            // One tick at least, so that a fault is never forgotten in the tick that saw it.
+            self.hold = hold_ticks.max(1);
         } else if self.hold > 0 {
             self.hold -= 1;
             if self.hold == 0 {
-                self.active = Faults::NONE;
+                self.stopping = Faults::NONE;
             }
         }
     }
 
-    fn signal(&mut self, seen: Faults, hold_ticks: u16) {
-        let new = seen.without(self.active).bits();
+    fn count(&mut self, new: Faults) {
         for (bit, count) in self.events.iter_mut().enumerate() {
-            *count = count.wrapping_add((new >> bit) & 1);
+            *count = count.wrapping_add((new.bits() >> bit) & 1);
         }
-        self.active = self.active.union(seen);
-        // One tick at least, so that a fault is never forgotten in the tick that saw it.
-        self.hold = hold_ticks.max(1);
     }
 
-    /// Faults that keep the output off.
+    /// Faults that keep the output off, and those that are only shown.
     #[must_use]
     pub const fn active(&self) -> Faults {
         self.active
+    }
+
+    /// True while a fault keeps the output off.
+    #[must_use]
+    pub const fn stops(&self) -> bool {
+        !self.stopping.is_empty()
     }
 
     /// Times that each fault became active, wrapping.

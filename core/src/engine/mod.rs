@@ -13,11 +13,15 @@ pub mod current_limit;
 pub mod fault;
 pub mod limit;
 pub mod mode;
+pub mod other_sensors;
 mod output;
 pub mod pidf;
+pub mod policy;
 pub mod sensor;
 pub mod settings;
 pub mod snapshot;
+mod throttle;
+pub mod throttle_law;
 
 #[cfg(test)]
 mod tests;
@@ -29,8 +33,10 @@ use mode::{Event, Follower, Liveness, PulseInput, mode_of, transition};
 use output::{ActiveLimits, Output, Request, Shape};
 use pidf::{Pidf, Unit};
 use sensor::{Measured, Sensors};
+use settings::Law;
 pub use settings::{Board, Policy, Settings};
 use snapshot::{Actuation, DriveState, Mode, Sample, Snapshot};
+use throttle::ThrottleDrive;
 
 use crate::units::{Amps, Celsius, Duty, Volts};
 
@@ -46,6 +52,7 @@ pub struct Engine {
     mode: Mode,
     law: Pidf,
     output: Output,
+    throttle: ThrottleDrive,
 }
 
 impl Default for Engine {
@@ -68,6 +75,7 @@ impl Engine {
             mode: Mode::Off,
             law: Pidf::new(),
             output: Output::new(),
+            throttle: ThrottleDrive::new(),
         }
     }
 
@@ -77,14 +85,10 @@ impl Engine {
     /// `settings`, `sample` and `command` may be anything: no input panics, and the duty cycle never
     /// leaves the effective limits.
     pub fn tick(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> Snapshot {
-        let following = matches!(command.setpoint, Setpoint::Follow(_));
-        let reverse_sensor = command.opts.reverse_sensor && !following;
-        let measured = self
-            .sensors
-            .update(settings, sample, command.set_position, reverse_sensor);
+        let measured = self.sensors.update(settings, sample, command);
         self.faults.update(
             &settings.board.thresholds,
-            settings.policy.fault_hold_ticks,
+            &settings.policy,
             &measured,
             sample,
         );
@@ -96,6 +100,7 @@ impl Engine {
         if mode != self.mode {
             self.mode = mode;
             self.law.reset();
+            self.throttle.restart_loop();
         }
         let master = self
             .follower
@@ -103,11 +108,23 @@ impl Engine {
 
         let neutral = self.neutral(settings, command);
         let mut limits = judge_both(settings, command, sample, measured.position);
-        let (actuation, error) = if self.state != DriveState::Running || self.is_faulted() {
+        let idle = self.state != DriveState::Running || self.faults.stops();
+        let throttled = settings.policy.law == Law::Throttle;
+        let (actuation, error) = if idle {
             self.law.reset();
             self.output.reset();
+            if throttled {
+                self.throttle.reset();
+            }
             (self.idle(neutral), 0)
+        } else if throttled && setpoint != Setpoint::Pulse {
+            self.throttle.obey(command);
+            let (duty, error) =
+                self.throttle
+                    .drive(settings, command, setpoint, master, &measured, &mut limits);
+            (actuate(duty, neutral), error)
         } else {
+            let master = master.unwrap_or(Duty::ZERO);
             let request = self.request(settings, command, setpoint, master, &measured);
             let duty = self
                 .output
@@ -127,6 +144,8 @@ impl Engine {
             error,
             position: measured.position,
             velocity: measured.velocity,
+            raw: *self.sensors.raw(),
+            accumulator: self.throttle.accumulator(),
             current: Amps::from_bits(measured.current),
             bus_voltage: Volts::from_bits(measured.bus_voltage),
             temperature: Celsius::from_bits(measured.temperature),
@@ -139,14 +158,10 @@ impl Engine {
         }
     }
 
-    const fn is_faulted(&self) -> bool {
-        !self.faults.active().is_empty()
-    }
-
     /// What the bridge does while nothing is driven: floats unless the drive is halted, without a fault,
     /// and brakes at neutral.
     fn idle(&self, neutral: Neutral) -> Actuation {
-        if self.state == DriveState::Halted && !self.is_faulted() {
+        if self.state == DriveState::Halted && !self.faults.stops() {
             actuate(Duty::ZERO, neutral)
         } else {
             Actuation::Off
@@ -206,7 +221,7 @@ impl Engine {
             ramp: i32::from(opts.ramp),
         };
         let (duty, error, shape) = match setpoint {
-            Setpoint::Off => (0, 0, open_loop),
+            Setpoint::Off | Setpoint::Neutral => (0, 0, open_loop),
             Setpoint::Duty(duty) => (i32::from(duty.units()), 0, open_loop),
             Setpoint::Velocity(target) => closed_loop(target, measured.velocity, Unit::Count),
             Setpoint::Position(target) => closed_loop(target, measured.position, Unit::Count),

@@ -4,7 +4,7 @@
 //! following the commands meanwhile, so that the drive resumes as the policy says.
 
 use super::command::{Command, MasterReport, Setpoint};
-use super::settings::{Policy, Resume};
+use super::settings::{Enabling, Policy, Resume};
 use super::snapshot::{DriveState, Mode, Pulse};
 use crate::time::TICKS_PER_MS;
 use crate::units::Duty;
@@ -44,6 +44,50 @@ pub struct Liveness {
     sequence: u32,
     heartbeat: u16,
     expired: bool,
+    /// The command is alive, and so is its permission.
+    in_force: bool,
+    permission: Permission,
+}
+
+/// Follows the permission to drive, where it is separate, and the pauses.
+#[derive(Clone, Copy, Debug, Default)]
+struct Permission {
+    sequence: u32,
+    ticks_left: u16,
+    pause: u32,
+    pause_left: u16,
+}
+
+impl Permission {
+    const fn new() -> Self {
+        Self {
+            sequence: 0,
+            ticks_left: 0,
+            pause: 0,
+            pause_left: 0,
+        }
+    }
+
+    /// One tick; true if there is permission and no pause.
+    fn update(&mut self, policy: &Policy, command: &Command) -> bool {
+        let enable = command.enable;
+        if enable.withdrawn {
+            self.sequence = enable.sequence;
+            self.ticks_left = 0;
+        } else if enable.sequence != self.sequence {
+            self.sequence = enable.sequence;
+            self.ticks_left = policy.command_timeout_ticks;
+        } else {
+            self.ticks_left = self.ticks_left.saturating_sub(1);
+        }
+        if command.pause != self.pause {
+            self.pause = command.pause;
+            self.pause_left = policy.pause_ticks;
+        } else {
+            self.pause_left = self.pause_left.saturating_sub(1);
+        }
+        self.ticks_left > 0 && self.pause_left == 0
+    }
 }
 
 impl Liveness {
@@ -54,6 +98,8 @@ impl Liveness {
             sequence: 0,
             heartbeat: 0,
             expired: false,
+            in_force: false,
+            permission: Permission::new(),
         }
     }
 
@@ -64,11 +110,15 @@ impl Liveness {
         command: &Command,
         pulse_valid: bool,
     ) -> Option<Event> {
+        if policy.enabling == Enabling::Separate && !matches!(command.setpoint, Setpoint::Pulse) {
+            return Some(self.update_separately(policy, command));
+        }
         if command.sequence != self.sequence {
             self.sequence = command.sequence;
             self.expired = false;
             let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
             self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
+            self.in_force = !off;
             return Some(self.standing(policy, command).unwrap_or(Event::Halt));
         }
         if matches!(command.setpoint, Setpoint::Pulse) {
@@ -82,10 +132,30 @@ impl Liveness {
             self.heartbeat -= 1;
             if self.heartbeat == 0 {
                 self.expired = true;
+                self.in_force = false;
                 return Some(Event::Timeout);
             }
         }
         None
+    }
+
+    /// One tick where the permission is separate: the drive runs exactly while both are alive.
+    fn update_separately(&mut self, policy: &Policy, command: &Command) -> Event {
+        if command.sequence != self.sequence {
+            self.sequence = command.sequence;
+            self.heartbeat = policy.command_timeout_ticks;
+        } else {
+            self.heartbeat = self.heartbeat.saturating_sub(1);
+        }
+        self.expired = false;
+        let permitted = self.permission.update(policy, command);
+        let off = matches!(command.setpoint, Setpoint::Off);
+        self.in_force = permitted && self.heartbeat > 0 && !off;
+        if self.in_force {
+            Event::Drive
+        } else {
+            Event::Timeout
+        }
     }
 
     /// What the command that is alive means for the state; nothing if none is.
@@ -111,7 +181,7 @@ impl Liveness {
     pub const fn setpoint(&self, command: &Command) -> Setpoint {
         match command.setpoint {
             Setpoint::Pulse => Setpoint::Pulse,
-            setpoint if self.heartbeat > 0 => setpoint,
+            setpoint if self.in_force => setpoint,
             _ => Setpoint::Off,
         }
     }
@@ -121,7 +191,7 @@ impl Liveness {
 #[must_use]
 pub const fn mode_of(setpoint: Setpoint) -> Mode {
     match setpoint {
-        Setpoint::Off => Mode::Off,
+        Setpoint::Off | Setpoint::Neutral => Mode::Off,
         Setpoint::Duty(_) => Mode::Duty,
         Setpoint::Velocity(_) => Mode::Velocity,
         Setpoint::Position(_) => Mode::Position,
@@ -151,8 +221,13 @@ impl Follower {
         }
     }
 
-    /// One tick; gives the duty cycle to copy, zero once the reports have stopped.
-    pub fn update(&mut self, policy: &Policy, setpoint: Setpoint, report: MasterReport) -> Duty {
+    /// One tick; gives the duty cycle to copy, nothing once the reports have stopped.
+    pub fn update(
+        &mut self,
+        policy: &Policy,
+        setpoint: Setpoint,
+        report: MasterReport,
+    ) -> Option<Duty> {
         let master = match setpoint {
             Setpoint::Follow(master) => Some(master),
             _ => None,
@@ -167,11 +242,7 @@ impl Follower {
         } else {
             self.ticks_left = self.ticks_left.saturating_sub(1);
         }
-        if self.ticks_left > 0 {
-            report.duty
-        } else {
-            Duty::ZERO
-        }
+        (self.ticks_left > 0).then_some(report.duty)
     }
 }
 

@@ -1,9 +1,10 @@
 //! From raw samples to measured values: encoder position and velocity, current, voltages, temperature.
 
-use super::command::SetPosition;
+use super::command::{Command, PositionOf, SensorSelect, Setpoint};
 use super::limit::switch_hit;
-use super::settings::Settings;
-use super::snapshot::Sample;
+use super::other_sensors::{OtherSensors, Reading};
+use super::settings::{SensorSet, Settings};
+use super::snapshot::{Conversions, RawSensors, Sample};
 
 /// Ticks of the velocity window: 100 ms (guide, "Quadrature Encoder Status Frames").
 const WINDOW: usize = 200;
@@ -21,7 +22,7 @@ const ZERO_TOLERANCE: u16 = 205;
 /// Measured values of one tick; electrical ones in 16.16.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Measured {
-    /// Counts, after sensor reversal.
+    /// Counts of the selected sensor, after sensor reversal.
     pub position: i32,
     /// Counts per 100 ms, after sensor reversal.
     pub velocity: i32,
@@ -39,7 +40,10 @@ pub struct Measured {
 #[derive(Clone, Debug)]
 pub struct Sensors {
     encoder: Encoder,
+    others: OtherSensors,
+    raw: RawSensors,
     zero: ZeroCurrent,
+    set_generation: u32,
 }
 
 impl Default for Sensors {
@@ -54,8 +58,17 @@ impl Sensors {
     pub const fn new() -> Self {
         Self {
             encoder: Encoder::new(),
+            others: OtherSensors::new(),
+            raw: RawSensors::NONE,
             zero: ZeroCurrent::Averaging { sum: 0, samples: 0 },
+            set_generation: 0,
         }
+    }
+
+    /// Every sensor as it counts, where all are followed.
+    #[must_use]
+    pub const fn raw(&self) -> &RawSensors {
+        &self.raw
     }
 
     /// True once the zero of the current sensor is known.
@@ -65,26 +78,88 @@ impl Sensors {
     }
 
     /// Takes one sample.
-    pub fn update(
-        &mut self,
-        settings: &Settings,
-        sample: &Sample,
-        set_position: SetPosition,
-        reverse: bool,
-    ) -> Measured {
-        let (position, velocity) = self.encoder.update(settings, sample, set_position, reverse);
+    pub fn update(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> Measured {
+        let order = command.set_position;
+        let new = order.generation != self.set_generation;
+        self.set_generation = order.generation;
+        let selected = match settings.policy.sensors {
+            SensorSet::Encoder => {
+                let following = matches!(command.setpoint, Setpoint::Follow(_));
+                let reverse = command.opts.reverse_sensor && !following;
+                let counts = new.then_some(order.counts);
+                self.encoder.update(settings, sample, counts, reverse)
+            }
+            SensorSet::All => self.update_all(settings, sample, command, new),
+        };
         let current = self
             .zero
             .update(sample.current)
             .wrapping_mul(settings.current_multiplier);
         Measured {
-            position,
-            velocity,
+            position: selected.position,
+            velocity: selected.velocity,
             current,
             bus_voltage: settings.board.bus_voltage.convert(sample.bus_voltage),
             temperature: settings.board.temperature.convert(sample.temperature),
             analog_in: settings.board.analog_in.convert(sample.analog_in),
         }
+    }
+}
+
+impl Sensors {
+    /// Every sensor, and the selected one's reading. `new`: the order to overwrite a position has not
+    /// been carried out yet.
+    #[inline(never)]
+    fn update_all(
+        &mut self,
+        settings: &Settings,
+        sample: &Sample,
+        command: &Command,
+        new: bool,
+    ) -> Reading {
+        let (opts, order) = (&command.opts, command.set_position);
+        self.others.update(sample);
+        let mut encoder_order = None;
+        if new {
+            match (order.of, opts.sensor) {
+                (PositionOf::Encoder, _) => encoder_order = Some(order.counts),
+                (PositionOf::Selected, sensor) => {
+                    let counts = if opts.reverse_sensor {
+                        order.counts.wrapping_neg()
+                    } else {
+                        order.counts
+                    };
+                    match sensor {
+                        SensorSelect::Quadrature => encoder_order = Some(counts),
+                        SensorSelect::AnalogEncoder => self.others.set_analog_encoder(counts),
+                        SensorSelect::RisingEdges => self.others.set_rising_edges(counts),
+                        // Absolute, or nothing to set (manual 13).
+                        SensorSelect::AnalogPotentiometer | SensorSelect::None => {}
+                    }
+                }
+            }
+        }
+        let encoder = self.encoder.update(settings, sample, encoder_order, false);
+        let analog = self.others.analog_encoder();
+        let selected = match opts.sensor {
+            SensorSelect::Quadrature => encoder,
+            SensorSelect::AnalogPotentiometer => self.others.potentiometer(),
+            SensorSelect::AnalogEncoder => analog,
+            SensorSelect::RisingEdges => self.others.rising_edges(),
+            SensorSelect::None => Reading::default(),
+        };
+        self.raw = RawSensors {
+            encoder,
+            analog,
+            index_rises: sample.index_rising.edges,
+            conversions: Conversions {
+                current: sample.current,
+                bus_voltage: sample.bus_voltage,
+                temperature: sample.temperature,
+                analog_in: sample.analog_in,
+            },
+        };
+        selected.reversed_if(opts.reverse_sensor)
     }
 }
 
@@ -135,7 +210,6 @@ struct Encoder {
     at: u8,
     /// Rising and falling edges seen; both are followed, so that choosing the other one is no edge.
     index_edges: [u16; 2],
-    set_generation: u32,
 }
 
 impl Encoder {
@@ -146,7 +220,6 @@ impl Encoder {
             window: [0; WINDOW],
             at: 0,
             index_edges: [0; 2],
-            set_generation: 0,
         }
     }
 
@@ -154,9 +227,9 @@ impl Encoder {
         &mut self,
         settings: &Settings,
         sample: &Sample,
-        set_position: SetPosition,
+        order: Option<i32>,
         reverse: bool,
-    ) -> (i32, i32) {
+    ) -> Reading {
         let first = match self.first {
             Some(first) => first,
             None => {
@@ -175,12 +248,11 @@ impl Encoder {
         if settings.index.clears_position && index.edges != seen {
             self.origin = index.count.wrapping_sub(first);
         }
-        if set_position.generation != self.set_generation {
-            self.set_generation = set_position.generation;
+        if let Some(counts) = order {
             let counts = if reverse {
-                set_position.counts.wrapping_neg()
+                counts.wrapping_neg()
             } else {
-                set_position.counts
+                counts
             };
             self.origin = count.wrapping_sub(counts as u32);
         }
@@ -194,11 +266,7 @@ impl Encoder {
         }
         let velocity = count.wrapping_sub(self.slide(count)) as i32;
         let position = count.wrapping_sub(self.origin) as i32;
-        if reverse {
-            (position.wrapping_neg(), velocity.wrapping_neg())
-        } else {
-            (position, velocity)
-        }
+        Reading { position, velocity }.reversed_if(reverse)
     }
 
     /// Puts `count` into the window and gives the one from 100 ms ago.

@@ -6,6 +6,10 @@
 
 use super::command::Neutral;
 use super::pidf::Gains;
+pub use super::policy::{
+    Enabling, Indicated, Law, Policy, Resume, SensorSet, SoftThreshold, Sticky,
+};
+use super::throttle_law::ThrottleGains;
 use crate::time::TICKS_PER_MS;
 
 /// A linear conversion of a 12-bit sample: `offset + gain × sample`.
@@ -41,6 +45,9 @@ pub struct Derating {
 impl Derating {
     /// Full duty cycle as a cap.
     pub const FULL: i32 = 32768;
+
+    /// No derating at any temperature that can be measured.
+    pub const NONE: Self = Self::new(i16::MAX - 1, i16::MAX);
 
     /// Derating between two temperatures in whole degrees Celsius; `to` is at least one degree above
     /// `from`, else it is taken as that.
@@ -136,29 +143,6 @@ impl Board {
     };
 }
 
-/// Which command ends the halted state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Resume {
-    /// Only one with a non-zero setpoint (DMC60C guide, "Output Control Protocol").
-    #[default]
-    NonZeroSetpoint,
-    /// Any driving command.
-    AnyCommand,
-}
-
-/// When the drive stops by itself and when it goes on: the part of a dialect that the engine obeys.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Policy {
-    /// Ticks without a driving command after which the output is switched off.
-    pub command_timeout_ticks: u16,
-    /// Ticks without a report of the followed controller after which the duty cycle is zero.
-    pub master_timeout_ticks: u16,
-    /// Ticks that a fault keeps the output off after it was last seen.
-    pub fault_hold_ticks: u16,
-    /// What ends the halted state.
-    pub resume: Resume,
-}
-
 /// One gain slot: control law and shaping of its output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotSettings {
@@ -220,8 +204,10 @@ pub struct IndexSettings {
 pub struct Settings {
     /// Stopping and resuming.
     pub policy: Policy,
-    /// The two gain slots.
+    /// The two gain slots of [`Law::PerTick`].
     pub slots: [SlotSettings; 2],
+    /// The two gain slots of [`Law::Throttle`].
+    pub throttle_slots: [ThrottleGains; 2],
     /// Current limiter.
     pub current_limit: CurrentLimit,
     /// Forward limits.
@@ -239,6 +225,16 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Gains of the given slot under [`Law::Throttle`].
+    #[must_use]
+    pub const fn throttle_slot(&self, slot: super::command::Slot) -> &ThrottleGains {
+        let [zero, one] = &self.throttle_slots;
+        match slot {
+            super::command::Slot::Zero => zero,
+            super::command::Slot::One => one,
+        }
+    }
+
     /// Settings of the given slot.
     #[must_use]
     pub const fn slot(&self, slot: super::command::Slot) -> &SlotSettings {

@@ -1,6 +1,7 @@
 //! What goes into a tick and what comes out of it.
 
 use super::command::{DriveOpts, Neutral};
+use super::other_sensors::Reading;
 use crate::units::{Amps, Celsius, Duty, Volts};
 
 /// Levels of the digital inputs; `true` is a logic high at the pin. Limit and index inputs are pulled
@@ -64,6 +65,8 @@ pub struct Sample {
     pub index_rising: IndexCapture,
     /// Falling edges of the index pin.
     pub index_falling: IndexCapture,
+    /// Rising edges of QEA since power-on, wrapping.
+    pub encoder_a_rises: u16,
     /// Current-sense amplifier; mid-scale is no current.
     pub current: u16,
     /// Bus voltage divider.
@@ -185,10 +188,13 @@ impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
 
+    /// Every fault.
+    pub const ALL: Self = Self(0x1F);
+
     /// A set from a fault word; bits without a meaning are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 0x1F)
+        Self(bits & Self::ALL.0)
     }
 
     /// The fault word.
@@ -221,6 +227,12 @@ impl Faults {
         Self(self.0 | other.0)
     }
 
+    /// Faults that are in both sets.
+    #[must_use]
+    pub const fn intersection(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
     /// Faults of this set that are not in `other`.
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
@@ -249,6 +261,48 @@ pub struct LimitStatus {
     pub refused: bool,
 }
 
+/// Sensors as they count, whichever is selected; all zero unless the policy follows
+/// [all](super::policy::SensorSet::All).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RawSensors {
+    /// Quadrature encoder.
+    pub encoder: Reading,
+    /// Analog input that goes on counting past either end; its low 10 bits are the conversion.
+    pub analog: Reading,
+    /// Rising edges of the index pin since power-on, wrapping.
+    pub index_rises: u16,
+    /// Conversions.
+    pub conversions: Conversions,
+}
+
+impl RawSensors {
+    /// Nothing is followed.
+    pub const NONE: Self = Self {
+        encoder: Reading::ZERO,
+        analog: Reading::ZERO,
+        index_rises: 0,
+        conversions: Conversions {
+            current: 0,
+            bus_voltage: 0,
+            temperature: 0,
+            analog_in: 0,
+        },
+    };
+}
+
+/// Raw 12-bit conversions, 0 to 4095.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Conversions {
+    /// Current-sense amplifier.
+    pub current: u16,
+    /// Bus voltage divider.
+    pub bus_voltage: u16,
+    /// Temperature sensor.
+    pub temperature: u16,
+    /// AIN1.
+    pub analog_in: u16,
+}
+
 /// Everything observable after a tick, in native units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Snapshot {
@@ -256,7 +310,7 @@ pub struct Snapshot {
     pub mode: Mode,
     /// State of the drive.
     pub state: DriveState,
-    /// Active faults; not empty means that the output is off.
+    /// Active faults; one of the policy's stopping ones means that the output is off.
     pub faults: Faults,
     /// Times that each fault became active since power-on, wrapping, in the order of the bits; the
     /// communication fault is not the engine's and has no place here.
@@ -270,10 +324,14 @@ pub struct Snapshot {
     /// Target minus measured value: throttle units (duty), counts per 100 ms (velocity), counts
     /// (position), 16.16 amperes (current), 16.16 volts (voltage compensation); 0 in other modes.
     pub error: i32,
-    /// Encoder position in counts, after sensor reversal.
+    /// Position of the selected sensor in its counts, after sensor reversal.
     pub position: i32,
-    /// Encoder velocity in counts per 100 ms, after sensor reversal.
+    /// Its velocity in counts per 100 ms, after sensor reversal.
     pub velocity: i32,
+    /// Sensors as they count.
+    pub raw: RawSensors,
+    /// Sum of errors of the closed loop of [`Law::Throttle`](super::policy::Law::Throttle).
+    pub accumulator: i32,
     /// Motor current.
     pub current: Amps,
     /// Bus voltage.

@@ -33,7 +33,7 @@ const DATA_IN_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
 
 /// Parameter answers that may wait for the bus at one time. Requests have the higher priority on the bus, so
 /// a host that asks for every parameter in one burst gets its first answer after its last question.
-const ANSWER_CAPACITY: usize = 64;
+const ANSWER_CAPACITY: usize = 96;
 
 /// Attempts for the first enumeration answer. A destroyed one most likely met the answer of a controller
 /// with the same number and the same delay; sending it again at once would only repeat that, so it is

@@ -17,9 +17,9 @@ pub use types::{
 use keeping::Keeping;
 
 use crate::dialect::schedule::earlier;
-use crate::dialect::{AnyDialect, Decoded, DialectKind, Intent, Outgoing, View};
-use crate::engine::command::{Command, DriveOpts, Setpoint};
-use crate::engine::settings::Settings;
+use crate::dialect::{AnyDialect, Decoded, Device, DialectKind, Intent, Outgoing, View};
+use crate::engine::command::{Command, DriveOpts, PositionOf, SetAccumulator, Setpoint};
+use crate::engine::settings::{Settings, Sticky};
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
 use crate::frame::Frame;
 use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
@@ -27,7 +27,7 @@ use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
 use crate::params::table::ParameterId;
-use crate::params::{FaultLog, Stored, compile};
+use crate::params::{FaultLog, SettingsState, Stored, compile};
 use crate::time::Instant;
 
 /// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
@@ -154,17 +154,48 @@ impl Node {
         }
         match self.dialect.decode(number, frame) {
             Decoded::Ignored => self.counters.ignored = self.counters.ignored.wrapping_add(1),
-            Decoded::Intent(Intent::Drive(setpoint, opts)) => self.drive(setpoint, opts),
-            Decoded::Intent(Intent::MasterReport(duty)) => {
-                self.command.master.duty = duty;
-                self.command.master.sequence = self.command.master.sequence.wrapping_add(1);
-            }
+            Decoded::Done => {}
+            Decoded::Intent(intent) => self.obey(now, intent),
             Decoded::Request(query) => {
                 let outcome = self.parameter(now, query, snapshot);
                 self.dialect.answer(outcome);
             }
             Decoded::Bad(bad) => self.counters.count_bad(bad),
         }
+    }
+
+    fn obey(&mut self, now: Instant, intent: Intent) {
+        match intent {
+            Intent::Drive(setpoint, opts) => {
+                self.drive(setpoint, opts);
+                self.permit(true);
+            }
+            Intent::Prepare(setpoint, opts) => self.drive(setpoint, opts),
+            Intent::Enable(permitted) => self.permit(permitted),
+            Intent::MasterReport(duty) => {
+                self.command.master.duty = duty;
+                self.command.master.sequence = self.command.master.sequence.wrapping_add(1);
+            }
+            Intent::SetPosition(of, counts) => self.set_position(of, counts),
+            Intent::SetAccumulator(value) => {
+                let generation = self.command.set_accumulator.generation.wrapping_add(1);
+                self.command.set_accumulator = SetAccumulator { value, generation };
+            }
+            Intent::Clear { position, sticky } => {
+                if position {
+                    self.set_position(PositionOf::Selected, 0);
+                }
+                if sticky {
+                    self.clear_sticky(now);
+                }
+            }
+        }
+    }
+
+    fn permit(&mut self, permitted: bool) {
+        let enable = &mut self.command.enable;
+        enable.sequence = enable.sequence.wrapping_add(1);
+        enable.withdrawn = !permitted;
     }
 
     fn drive(&mut self, setpoint: Setpoint, opts: DriveOpts) {
@@ -270,6 +301,9 @@ impl Node {
         if self.faults.observe(snapshot) {
             self.faults_changed(now);
         }
+        if self.settings.policy.sticky == Sticky::Presence {
+            self.observe_presence(now, snapshot);
+        }
         if self
             .identify_since
             .is_some_and(|since| now.since(since) >= IDENTIFY_TIME)
@@ -305,6 +339,7 @@ impl Node {
             number,
             params: &self.stored.params,
             snapshot,
+            device: self.device(),
         };
         let (frame, attempts) = match self.dialect.encode(now, &view)? {
             Outgoing::Answer(frame) => (frame, Attempts::UntilSent),
@@ -400,6 +435,16 @@ impl Node {
             }
             _ if self.config.image != ImageType::Application => Indication::Bootloader,
             _ => led::indication(self.session().is_some(), snapshot),
+        }
+    }
+
+    fn device(&self) -> Device {
+        Device {
+            sticky: self.faults.sticky(),
+            version: self.config.application_version,
+            reset_count: self.config.reset.count.min(u32::from(u16::MAX)) as u16,
+            reset_flags: self.config.reset.cause as u16,
+            unsaved: self.settings_state() != SettingsState::Saved,
         }
     }
 

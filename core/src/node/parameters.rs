@@ -2,8 +2,8 @@
 
 use super::Node;
 use crate::dialect::{Outcome, Request};
-use crate::engine::command::SetPosition;
-use crate::engine::snapshot::{Fault, Snapshot};
+use crate::engine::command::{PositionOf, SetPosition};
+use crate::engine::snapshot::{Fault, LimitStatus, Snapshot};
 use crate::management::vendor::ParameterError;
 use crate::params::compile;
 use crate::params::table::{ParameterId, Storage};
@@ -68,10 +68,7 @@ impl Node {
     ) -> Result<u32, ParameterError> {
         match id {
             ParameterId::EncoderPosition => {
-                self.command.set_position = SetPosition {
-                    counts: value as i32,
-                    generation: self.command.set_position.generation.wrapping_add(1),
-                };
+                self.set_position(PositionOf::Selected, value as i32);
                 return Ok(value);
             }
             ParameterId::ActiveFaults
@@ -104,6 +101,9 @@ impl Node {
             Ok(changed) => {
                 if changed {
                     self.parameter_changed(now, id);
+                    if pauses(id) {
+                        self.command.pause = self.command.pause.wrapping_add(1);
+                    }
                 }
                 Ok(value)
             }
@@ -111,11 +111,67 @@ impl Node {
         }
     }
 
+    /// Orders the engine to overwrite a position.
+    pub(super) fn set_position(&mut self, of: PositionOf, counts: i32) {
+        self.command.set_position = SetPosition {
+            of,
+            counts,
+            generation: self.command.set_position.generation.wrapping_add(1),
+        };
+    }
+
+    /// Keeps the faults and limits that are present as sticky ones, where the policy says so.
+    pub(super) fn observe_presence(&mut self, now: Instant, snapshot: &Snapshot) {
+        let switch = |limit: &LimitStatus| limit.switch_hit && !limit.switch_disabled;
+        let (forward, reverse) = (&snapshot.forward, &snapshot.reverse);
+        let present = [
+            switch(forward),
+            switch(reverse),
+            forward.soft_hit,
+            reverse.soft_hit,
+        ];
+        let bits = (0..)
+            .zip(present)
+            .fold(0, |bits, (at, limit)| bits | u32::from(limit) << at);
+        let before = self.stored.params.get(ParameterId::StickyLimits);
+        let new_limits = self.keep_limits(before | bits);
+        if self.faults.keep(snapshot.faults) || new_limits {
+            self.faults_changed(now);
+        }
+    }
+
+    /// Forgets the sticky faults and limits; the counts of faults stay.
+    pub(super) fn clear_sticky(&mut self, now: Instant) {
+        let faults = !self.faults.sticky().is_empty();
+        self.faults.clear_sticky();
+        if self.keep_limits(0) || faults {
+            self.faults_changed(now);
+        }
+    }
+
+    /// Overwrites the sticky limits; true if that changed anything.
+    fn keep_limits(&mut self, bits: u32) -> bool {
+        self.stored.params.set(ParameterId::StickyLimits, bits) == Ok(true)
+    }
+
     pub(super) fn parameter_changed(&mut self, now: Instant, id: ParameterId) {
         let policy = self.dialect.kind().policy();
         self.settings = compile::settings(&self.stored.params, &self.config.board, &policy);
-        if id.row().storage == Storage::Persistent {
+        if id.rule().storage == Storage::Persistent {
             self.keeping.changed(now);
         }
     }
+}
+
+/// Parameters whose change makes the drive pause, if the policy has a time for it: the types of the limit
+/// switches and the stored neutral behaviour (Talon SRX manual, 4.2 and 4.4).
+const fn pauses(id: ParameterId) -> bool {
+    matches!(
+        id,
+        ParameterId::ForwardLimitNormallyClosed
+            | ParameterId::ForwardLimitDisabled
+            | ParameterId::ReverseLimitNormallyClosed
+            | ParameterId::ReverseLimitDisabled
+            | ParameterId::BrakeAtNeutral
+    )
 }

@@ -5,8 +5,10 @@ use super::table::ParameterId as P;
 use crate::engine::command::Neutral;
 use crate::engine::pidf::Gains;
 use crate::engine::settings::{
-    Board, CurrentLimit, IndexSettings, LimitSettings, Policy, Settings, SlotSettings,
+    Board, CurrentLimit, Derating, IndexSettings, LimitSettings, Policy, Settings, SlotSettings,
+    SoftThreshold, Thresholds,
 };
+use crate::engine::throttle_law::ThrottleGains;
 use crate::time::TICKS_PER_MS;
 
 /// Identifiers of one slot's parameters.
@@ -52,25 +54,70 @@ const SLOT_1: SlotIds = SlotIds {
     reverse_nominal: P::Slot1ReverseNominal,
 };
 
+/// Identifiers of one slot's parameters under the law in throttle units.
+struct ThrottleSlotIds {
+    p: P,
+    i: P,
+    d: P,
+    f: P,
+    zone: P,
+    ramp: P,
+}
+
+const THROTTLE_SLOT_0: ThrottleSlotIds = ThrottleSlotIds {
+    p: P::ThrottleSlot0P,
+    i: P::ThrottleSlot0I,
+    d: P::ThrottleSlot0D,
+    f: P::ThrottleSlot0F,
+    zone: P::ThrottleSlot0IZone,
+    ramp: P::ThrottleSlot0Ramp,
+};
+
+const THROTTLE_SLOT_1: ThrottleSlotIds = ThrottleSlotIds {
+    p: P::ThrottleSlot1P,
+    i: P::ThrottleSlot1I,
+    d: P::ThrottleSlot1D,
+    f: P::ThrottleSlot1F,
+    zone: P::ThrottleSlot1IZone,
+    ramp: P::ThrottleSlot1Ramp,
+};
+
+fn throttle_slot(params: &Params, ids: &ThrottleSlotIds) -> ThrottleGains {
+    ThrottleGains {
+        p: params.get(ids.p),
+        i: params.get(ids.i),
+        d: params.get(ids.d),
+        f: params.signed(ids.f),
+        zone: params.signed(ids.zone),
+        ramp: params.signed(ids.ramp),
+    }
+}
+
 /// Everything the tick needs, from the parameters, the board and the driving dialect's policy.
 #[must_use]
 pub fn settings(params: &Params, board: &Board, policy: &Policy) -> Settings {
+    let forward_threshold = begin(policy, params.signed(P::SoftForwardThreshold), 1);
+    let reverse_threshold = begin(policy, params.signed(P::SoftReverseThreshold), -1);
     Settings {
         policy: *policy,
         slots: [slot(params, &SLOT_0), slot(params, &SLOT_1)],
+        throttle_slots: [
+            throttle_slot(params, &THROTTLE_SLOT_0),
+            throttle_slot(params, &THROTTLE_SLOT_1),
+        ],
         current_limit: current_limit(params),
         forward: LimitSettings {
             normally_closed: params.flag(P::ForwardLimitNormallyClosed),
             switch_disabled: params.flag(P::ForwardLimitDisabled),
-            soft_enabled: params.flag(P::SoftForwardEnable),
-            soft_threshold: params.signed(P::SoftForwardThreshold),
+            soft_enabled: params.flag(P::SoftForwardEnable) && forward_threshold.is_some(),
+            soft_threshold: forward_threshold.unwrap_or(i32::MAX),
             clears_position: params.flag(P::ClearPositionOnForwardLimit),
         },
         reverse: LimitSettings {
             normally_closed: params.flag(P::ReverseLimitNormallyClosed),
             switch_disabled: params.flag(P::ReverseLimitDisabled),
-            soft_enabled: params.flag(P::SoftReverseEnable),
-            soft_threshold: params.signed(P::SoftReverseThreshold),
+            soft_enabled: params.flag(P::SoftReverseEnable) && reverse_threshold.is_some(),
+            soft_threshold: reverse_threshold.unwrap_or(i32::MIN),
             clears_position: params.flag(P::ClearPositionOnReverseLimit),
         },
         index: IndexSettings {
@@ -83,7 +130,33 @@ pub fn settings(params: &Params, board: &Board, policy: &Policy) -> Settings {
             Neutral::Coast
         },
         current_multiplier: params.signed(P::CurrentMultiplier),
-        board: *board,
+        board: Board {
+            thresholds: thresholds(&board.thresholds, policy),
+            ..*board
+        },
+    }
+}
+
+/// First position at which a soft limit acts, its direction being `sign`; nothing if there is none.
+fn begin(policy: &Policy, threshold: i32, sign: i32) -> Option<i32> {
+    match policy.soft_threshold {
+        SoftThreshold::Inclusive => Some(threshold),
+        SoftThreshold::Exclusive => threshold.checked_add(sign),
+    }
+}
+
+/// The board's thresholds, with what the policy only shows.
+fn thresholds(board: &Thresholds, policy: &Policy) -> Thresholds {
+    match policy.indicated {
+        None => *board,
+        Some(shown) => Thresholds {
+            under_voltage: shown.under_voltage,
+            under_voltage_ticks: shown.ticks,
+            over_temperature: shown.over_temperature,
+            over_temperature_ticks: shown.ticks,
+            derating: Derating::NONE,
+            ..*board
+        },
     }
 }
 

@@ -6,7 +6,7 @@ pub mod store;
 pub mod table;
 
 pub use store::{FaultLog, SaveRule, SaveTimer, SettingsState, Stored};
-use table::{COUNT, Kind, ParameterId, Storage, TABLE};
+use table::{COUNT, Kind, ParameterId, RULES, Storage};
 
 /// Why a parameter was not written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,13 +34,15 @@ impl Params {
     #[must_use]
     pub fn new() -> Self {
         let mut values = [0; COUNT];
-        for (value, row) in values.iter_mut().zip(&TABLE) {
+        for (value, row) in values.iter_mut().zip(&RULES) {
             *value = row.default;
         }
         Self { values }
     }
 
     /// Raw value; 0 for parameters that are computed when read.
+    // Not inlined: it is called for every setting, and never in the tick.
+    #[inline(never)]
     #[must_use]
     pub fn get(&self, id: ParameterId) -> u32 {
         self.values.get(id.position()).copied().unwrap_or(0)
@@ -64,7 +66,7 @@ impl Params {
     /// [`WriteError::BadValue`] if the table does not allow the value; nothing is changed then. Computed
     /// parameters are not held here and refuse every value.
     pub fn set(&mut self, id: ParameterId, value: u32) -> Result<bool, WriteError> {
-        let kind = id.row().kind;
+        let kind = id.rule().kind;
         if kind == Kind::Computed || !kind.allows(value) {
             return Err(WriteError::BadValue);
         }
@@ -78,7 +80,7 @@ impl Params {
     #[must_use]
     pub fn persistent(&self) -> Self {
         let mut kept = Self::new();
-        for ((value, row), own) in kept.values.iter_mut().zip(&TABLE).zip(&self.values) {
+        for ((value, row), own) in kept.values.iter_mut().zip(&RULES).zip(&self.values) {
             if row.storage == Storage::Persistent {
                 *value = *own;
             }

@@ -26,9 +26,15 @@ impl Clone for Descriptors {
     /// Element by element: the clone of a whole array leaves a panic path in the machine code.
     fn clone(&self) -> Self {
         Self {
-            texts: core::array::from_fn(|at| self.texts.get(at).cloned().flatten()),
+            texts: core::array::from_fn(|at| copied(self.texts.get(at))),
         }
     }
+}
+
+/// One text copied. Not inlined: six copies of it would be a kilobyte of machine code.
+#[inline(never)]
+fn copied(text: Option<&Option<Text>>) -> Option<Text> {
+    text.cloned().flatten()
 }
 
 impl Descriptors {
@@ -159,6 +165,13 @@ impl FaultLog {
             }
         }
         changed
+    }
+
+    /// Makes faults sticky without counting them; true if one of them was not.
+    pub fn keep(&mut self, faults: Faults) -> bool {
+        let before = self.sticky;
+        self.sticky = before.union(faults);
+        self.sticky != before
     }
 
     /// Records one fault that is not the engine's.

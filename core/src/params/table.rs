@@ -13,6 +13,10 @@ pub enum Kind {
     Fixed,
     /// Signed 16.16 number that may not be negative.
     NonNegativeFixed,
+    /// Unsigned 10.22 number.
+    Unsigned10Q22,
+    /// Signed 10.22 number.
+    Signed10Q22,
     /// Unsigned number up to 0x7FFFFFFF.
     Unsigned31,
     /// Signed 32-bit number.
@@ -30,7 +34,11 @@ impl Kind {
         let signed = value as i32;
         match self {
             Self::Flag => value <= 1,
-            Self::Fixed | Self::Signed | Self::Computed => true,
+            Self::Fixed
+            | Self::Signed
+            | Self::Unsigned10Q22
+            | Self::Signed10Q22
+            | Self::Computed => true,
             Self::NonNegativeFixed | Self::Unsigned31 => signed >= 0,
             Self::Range(min, max) => signed >= min && signed <= max,
         }
@@ -65,6 +73,16 @@ pub struct Parameter {
     pub unit: &'static str,
 }
 
+/// What a controller has to know of a parameter: its row without the texts for people, which would take as
+/// much room in a microcontroller again.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rule {
+    pub(crate) id: ParameterId,
+    pub(crate) kind: Kind,
+    pub(crate) default: u32,
+    pub(crate) storage: Storage,
+}
+
 macro_rules! parameters {
     ($( $(#[$doc:meta])* $variant:ident = $code:literal, $name:literal, $kind:expr, $default:expr, $storage:ident, $unit:literal; )*) => {
         /// Identifier of a parameter; the discriminant is the number on the wire.
@@ -78,6 +96,11 @@ macro_rules! parameters {
             storage: Storage::$storage, unit: $unit,
         }, )* ];
 
+        /// The rules of [`TABLE`], in its order.
+        pub(crate) static RULES: [Rule; COUNT] = [ $( Rule {
+            id: ParameterId::$variant, kind: $kind, default: $default, storage: Storage::$storage,
+        }, )* ];
+
         /// Number of parameters.
         pub const COUNT: usize = [ $( $code as u8, )* ].len();
 
@@ -85,7 +108,9 @@ macro_rules! parameters {
     };
 }
 
-use Kind::{Computed, Fixed, Flag, NonNegativeFixed, Range, Signed, Unsigned31};
+use Kind::{
+    Computed, Fixed, Flag, NonNegativeFixed, Range, Signed, Signed10Q22, Unsigned10Q22, Unsigned31,
+};
 
 /// Throttle units of the forward limits (guide, `paramClosedLoopFwdMaxSlot0`).
 const FORWARD: Kind = Range(0, 32767);
@@ -225,6 +250,33 @@ parameters! {
     ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
     /// Transmissions that were given up since the start.
     TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
+    /// Slot 0 of the law in throttle units: proportional gain.
+    ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 0 of the law in throttle units: integral gain.
+    ThrottleSlot0I = 141, "paramThrottleIGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 0 of the law in throttle units: derivative gain.
+    ThrottleSlot0D = 142, "paramThrottleDGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 0 of the law in throttle units: feed-forward gain.
+    ThrottleSlot0F = 143, "paramThrottleFGainSlot0", Signed10Q22, 0, Persistent, "throttle/count";
+    /// Slot 0 of the law in throttle units: errors of this size and above clear the accumulator, 0 = off.
+    ThrottleSlot0IZone = 144, "paramThrottleIZoneSlot0", Unsigned31, 0, Persistent, "counts";
+    /// Slot 0 of the law in throttle units: largest change of the output per 1 ms, 0 = at once.
+    ThrottleSlot0Ramp = 145, "paramThrottleRampRateSlot0", Unsigned31, 0, Persistent, "throttle/ms";
+    /// Slot 1 of the law in throttle units: proportional gain.
+    ThrottleSlot1P = 146, "paramThrottlePGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 1 of the law in throttle units: integral gain.
+    ThrottleSlot1I = 147, "paramThrottleIGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 1 of the law in throttle units: derivative gain.
+    ThrottleSlot1D = 148, "paramThrottleDGainSlot1", Unsigned10Q22, 0, Persistent, "throttle/count";
+    /// Slot 1 of the law in throttle units: feed-forward gain.
+    ThrottleSlot1F = 149, "paramThrottleFGainSlot1", Signed10Q22, 0, Persistent, "throttle/count";
+    /// Slot 1 of the law in throttle units: errors of this size and above clear the accumulator, 0 = off.
+    ThrottleSlot1IZone = 150, "paramThrottleIZoneSlot1", Unsigned31, 0, Persistent, "counts";
+    /// Slot 1 of the law in throttle units: largest change of the output per 1 ms, 0 = at once.
+    ThrottleSlot1Ramp = 151, "paramThrottleRampRateSlot1", Unsigned31, 0, Persistent, "throttle/ms";
+    /// Limits that have blocked since the sticky faults were cleared, where the dialect keeps them: bit 0
+    /// forward switch, 1 reverse switch, 2 forward soft limit, 3 reverse soft limit.
+    StickyLimits = 152, "paramStickyLimits", Range(0, 15), 0, Persistent, "";
 }
 
 impl ParameterId {
@@ -232,7 +284,7 @@ impl ParameterId {
     #[must_use]
     pub fn from_code(code: u8) -> Option<Self> {
         let index = POSITIONS.get(usize::from(code))?;
-        TABLE.get(usize::from(*index)).map(|row| row.id)
+        RULES.get(usize::from(*index)).map(|rule| rule.id)
     }
 
     /// The number on the wire.
@@ -247,6 +299,12 @@ impl ParameterId {
         POSITIONS
             .get(usize::from(self.code()))
             .map_or(COUNT, |index| usize::from(*index))
+    }
+
+    /// The parameter's rule.
+    #[must_use]
+    pub(crate) fn rule(self) -> &'static Rule {
+        RULES.get(self.position()).unwrap_or(&RULES[0])
     }
 
     /// The parameter's row in the table.

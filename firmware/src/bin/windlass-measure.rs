@@ -10,7 +10,7 @@ use core::hint::black_box;
 use cortex_m_semihosting::debug;
 use windlass_core::dialect::dmc60c::wire::id;
 use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
-use windlass_core::dialect::{Decoded, Dialect, View};
+use windlass_core::dialect::{Decoded, Device, Dialect, View};
 use windlass_core::engine::command::Command;
 use windlass_core::engine::pidf::{Gains, Pidf, Unit};
 use windlass_core::engine::snapshot::{Sample, Snapshot};
@@ -162,6 +162,7 @@ fn dialect(snapshot: &Snapshot) {
         number: NUMBER,
         params: &params,
         snapshot,
+        device: Device::default(),
     };
     for at in 0..CALLS {
         black_box(measured_control_decode(&mut dialect, &control(at)));

@@ -136,11 +136,13 @@ fn sample(tick: &mut Tick, shunts: &mut Shunts) -> Sample {
         encoder_index,
         gate_driver_fault_n: Input(None),
     };
+    let pins = inputs.read();
     Sample {
         encoder,
-        pins: inputs.read(),
+        pins,
         index_rising: tick.position.index(rising),
         index_falling: tick.position.index(falling),
+        encoder_a_rises: tick.rises.follow(pins.encoder_a),
         current: shunts.current(plus, minus),
         bus_voltage,
         temperature,

@@ -102,11 +102,13 @@ fn sample(tick: &mut Tick) -> Sample {
         encoder_index,
         gate_driver_fault_n: Input(Some(DRIVER_FAULT)),
     };
+    let pins = inputs.read();
     Sample {
         encoder,
-        pins: inputs.read(),
+        pins,
         index_rising: tick.position.index(rising),
         index_falling: tick.position.index(falling),
+        encoder_a_rises: tick.rises.follow(pins.encoder_a),
         current,
         bus_voltage,
         temperature,

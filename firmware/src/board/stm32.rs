@@ -19,7 +19,7 @@ use crate::chip::stm32::bridge::{Stage, Wiring};
 use crate::chip::stm32::{self as chip, Pin};
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
-use crate::count::Position;
+use crate::count::{Position, Rises};
 use crate::fault::{self, RECORD};
 #[cfg(not(feature = "bootloader"))]
 use crate::info;
@@ -101,6 +101,8 @@ pub(super) struct Tick {
     stage: Option<Stage>,
     /// Position of the encoder.
     pub(super) position: Position,
+    /// Rising edges of QEA.
+    pub(super) rises: Rises,
 }
 
 impl Tick {
@@ -110,6 +112,7 @@ impl Tick {
             control: Control::new(),
             stage: None,
             position: Position::new(),
+            rises: Rises::new(),
         }
     }
 

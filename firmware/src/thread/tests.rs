@@ -3,6 +3,8 @@ use crate::kept::{Kept, Origin};
 use crate::record::{PassedOn, Start};
 use std::collections::VecDeque;
 use std::vec::Vec;
+use windlass_core::boot::image::Hardware;
+use windlass_core::boot::slots::Slot;
 use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
 use windlass_core::engine::command::Setpoint;
 use windlass_core::engine::snapshot::{Actuation, Fault};
@@ -10,8 +12,6 @@ use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Transmission, TxOutcome};
-use windlass_core::boot::image::Hardware;
-use windlass_core::boot::slots::Slot;
 use windlass_core::reset::Reset;
 use windlass_core::time::Duration;
 

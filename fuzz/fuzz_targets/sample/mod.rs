@@ -1,5 +1,7 @@
 //! A sealed image to edit: random bytes alone would hardly get past the first CRC.
 
+use std::sync::OnceLock;
+
 use windlass::image::{Format, Image, parse};
 use windlass_core::boot::image::{Hardware, INFO_OFFSET, Identity, InfoBlock};
 use windlass_core::node::PRODUCT_DMC60C;
@@ -19,9 +21,12 @@ pub fn application() -> Vec<u8> {
 }
 
 /// The same, sealed.
-pub fn image() -> Image {
-    let contents = parse(Format::Bin, &application()).expect("a whole application");
-    Image::packed(contents).expect("it can be packed")
+pub fn image() -> &'static Image {
+    static IMAGE: OnceLock<Image> = OnceLock::new();
+    IMAGE.get_or_init(|| {
+        let contents = parse(Format::Bin, &application()).expect("a whole application");
+        Image::packed(contents).expect("it can be packed")
+    })
 }
 
 /// Bytes to read: the fuzzer's own, or `file` with the edits that they stand for: an offset of three bytes,
@@ -50,7 +55,7 @@ pub fn bytes(input: &[u8], file: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
 pub fn check(format: Format, input: &[u8], bytes: &[u8]) {
     let Ok(contents) = parse(format, bytes) else { return };
     if input.starts_with(b"E") && contents.is_sealed() {
-        assert_eq!(Image::sealed(contents).expect("a seal that was checked"), image());
+        assert_eq!(Image::sealed(contents).as_ref().expect("a seal that was checked"), image());
         return;
     }
     let Ok(image) = Image::packed(contents) else { return };

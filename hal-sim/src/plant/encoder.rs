@@ -25,6 +25,8 @@ pub(crate) struct Encoder {
     forced_index: Option<bool>,
     rising: IndexCapture,
     falling: IndexCapture,
+    /// Rising edges of channel A, wrapping.
+    a_rises: u16,
 }
 
 impl Encoder {
@@ -36,6 +38,7 @@ impl Encoder {
             forced_index: None,
             rising: IndexCapture::default(),
             falling: IndexCapture::default(),
+            a_rises: 0,
         }
     }
 
@@ -47,6 +50,7 @@ impl Encoder {
         }
         self.rising = IndexCapture::default();
         self.falling = IndexCapture::default();
+        self.a_rises = 0;
     }
 
     /// The shaft stands at this position in counts.
@@ -58,8 +62,11 @@ impl Encoder {
         }
         let from = self.count;
         self.count = count;
-        if self.unplugged_at.is_none() && self.forced_index.is_none() {
-            self.pass_index(from - INDEX_AT, count - INDEX_AT);
+        if self.unplugged_at.is_none() {
+            self.a_rises = self.a_rises.wrapping_add(a_rises(from, count));
+            if self.forced_index.is_none() {
+                self.pass_index(from - INDEX_AT, count - INDEX_AT);
+            }
         }
     }
 
@@ -156,15 +163,47 @@ impl Encoder {
         }
     }
 
+    /// Rising edges of channel A since power-on, wrapping.
+    pub(crate) fn a_rises(&self) -> u16 {
+        self.a_rises
+    }
+
     /// Latched rising and falling edges of the index.
     pub(crate) fn captures(&self) -> (IndexCapture, IndexCapture) {
         (self.rising, self.falling)
     }
 }
 
+/// Rising edges of channel A on the way from one count to another. A is high at counts 1 and 2 of a cycle
+/// of four: it rises forward on the way to 1 and backward on the way to 2.
+fn a_rises(from: i64, to: i64) -> u16 {
+    let passed = if to > from {
+        ((to - 1) >> 2) - ((from - 1) >> 2)
+    } else {
+        ((from - 3) >> 2) - ((to - 3) >> 2)
+    };
+    passed as u16
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rising_edges_of_channel_a_are_those_that_its_level_shows() {
+        let high = |count: i64| matches!(count & 3, 1 | 2);
+        for from in -9..9_i64 {
+            for to in -9..9_i64 {
+                let step = (to - from).signum();
+                let (mut at, mut rises) = (from, 0);
+                while at != to {
+                    at += step;
+                    rises += u16::from(high(at) && !high(at - step));
+                }
+                assert_eq!(a_rises(from, to), rises, "{from} to {to}");
+            }
+        }
+    }
 
     /// Counts index edges the slow way, one count after the other.
     fn walk(positions: &[i64]) -> (IndexCapture, IndexCapture) {

@@ -165,7 +165,7 @@ fn mode_name(mode: Mode) -> &'static str {
 /// number of the controller that is followed; 0 without one.
 fn target(setpoint: Setpoint) -> Value {
     match setpoint {
-        Setpoint::Off | Setpoint::Pulse => json!(0),
+        Setpoint::Off | Setpoint::Neutral | Setpoint::Pulse => json!(0),
         Setpoint::Duty(duty) => json!(duty.units()),
         Setpoint::Velocity(counts) | Setpoint::Position(counts) => json!(counts),
         Setpoint::Current(value) | Setpoint::Voltage(value) => json!(rounded(value.to_num())),

@@ -89,7 +89,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
             break;
         }
     }
-    drop(progress);
+    progress.end(done.iter().filter_map(|(_, result)| result.as_ref().ok()))?;
     report(done, global)
 }
 

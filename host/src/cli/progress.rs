@@ -41,6 +41,19 @@ impl Progress {
         Self { style, rows }
     }
 
+    /// Ends the rows: the results follow below them, in full length.
+    pub(super) fn end<'a>(self, reports: impl Iterator<Item = &'a Report>) -> Result<(), Failure> {
+        if self.style != Style::Rows {
+            return Ok(());
+        }
+        drop(self.rows);
+        eprintln!();
+        for report in reports {
+            say!("device {}: {}", report.address, summary(report))?;
+        }
+        Ok(())
+    }
+
     /// The row of one device, which waits for its turn.
     pub(super) fn row(&self, device: &Device) -> Row {
         let name = device.address.to_string();
@@ -85,18 +98,20 @@ impl Row {
     pub(super) fn end(&mut self, result: &Result<Report, Failure>) -> Result<(), Failure> {
         let text = match result {
             Ok(report) => summary(report),
-            Err(failure) => format!("failed: {failure}"),
+            Err(_) => "failed".to_owned(),
         };
         if let Some(bar) = &self.bar {
-            bar.abandon_with_message(text.clone());
+            bar.abandon_with_message(match result {
+                Ok(report) => format!("version {} runs", report.version),
+                Err(_) => text.clone(),
+            });
         }
         if let Some(failure) = self.failed.take() {
             return Err(failure);
         }
         match (self.style, result) {
-            (Style::Silent, _) => Ok(()),
-            (Style::Rows, Err(_)) => Ok(()),
-            (_, Ok(report)) => say!("device {}: {text}", report.address),
+            (Style::Silent | Style::Rows, _) => Ok(()),
+            (Style::Lines, Ok(report)) => say!("device {}: {text}", report.address),
             (Style::Lines, Err(_)) => say!("{}  failed", self.name),
         }
     }

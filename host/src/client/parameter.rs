@@ -18,6 +18,8 @@ use crate::transport::{Bus, BusError};
 const FULL_THROTTLE: f64 = 32767.0;
 /// One in 16.16.
 const ONE: f64 = 65536.0;
+/// One in 10.22.
+const FINE_ONE: f64 = 4_194_304.0;
 
 /// The value of a parameter, as its raw 32 bits with their meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +35,8 @@ pub struct Value {
 enum Form {
     Flag,
     Fixed,
+    /// 10.22.
+    Fine,
     Integer,
     Faults,
     Cause,
@@ -51,6 +55,7 @@ fn form(row: &Parameter) -> Form {
         _ => match row.kind {
             Kind::Flag => Form::Flag,
             Kind::Fixed | Kind::NonNegativeFixed => Form::Fixed,
+            Kind::Unsigned10Q22 | Kind::Signed10Q22 => Form::Fine,
             Kind::Unsigned31 | Kind::Signed | Kind::Range(..) | Kind::Computed => Form::Integer,
         },
     }
@@ -119,12 +124,21 @@ impl Value {
         })
     }
 
+    /// The value of a 10.22 number.
+    fn fine(self) -> f64 {
+        match self.parameter.row().kind {
+            Kind::Unsigned10Q22 => f64::from(self.raw) / FINE_ONE,
+            _ => f64::from(self.raw as i32) / FINE_ONE,
+        }
+    }
+
     /// The value as a number in the parameter's unit.
     #[must_use]
     pub fn number(self) -> f64 {
         let signed = f64::from(self.raw as i32);
         match form(self.parameter.row()) {
             Form::Fixed => signed / ONE,
+            Form::Fine => self.fine(),
             Form::Flag | Form::Integer | Form::Faults | Form::Cause | Form::Settings => signed,
             Form::Word => f64::from(self.raw),
         }
@@ -141,7 +155,8 @@ impl fmt::Display for Value {
             Form::Cause => return out.write_str(cause_name(self.raw)),
             Form::Settings => return out.write_str(settings_name(self.raw)),
             Form::Word => return write!(out, "{:#x}", self.raw),
-            Form::Fixed => out.write_str(&decimal(self.number()))?,
+            Form::Fixed => out.write_str(&decimal(self.number(), 5))?,
+            Form::Fine => out.write_str(&decimal(self.number(), 7))?,
             Form::Integer => write!(out, "{}", self.raw as i32)?,
         }
         if !row.unit.is_empty() {
@@ -151,9 +166,10 @@ impl fmt::Display for Value {
     }
 }
 
-/// Five decimals tell every 16.16 number from its neighbours; zeros at the end are dropped.
-fn decimal(number: f64) -> String {
-    let text = format!("{number:.5}");
+/// Five decimals tell every 16.16 number from its neighbours, seven every 10.22 number; zeros at the end
+/// are dropped.
+fn decimal(number: f64, places: usize) -> String {
+    let text = format!("{number:.places$}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
@@ -216,6 +232,14 @@ fn parse_engineering(row: &Parameter, text: &str) -> Result<u32, ValueError> {
             let number = finite(row, number, text)?;
             to_raw(row, text, (number * ONE).round())
         }
+        Form::Fine => {
+            let raw = (finite(row, number, text)? * FINE_ONE).round();
+            match row.kind {
+                Kind::Unsigned10Q22 if (0.0..=f64::from(u32::MAX)).contains(&raw) => Ok(raw as u32),
+                Kind::Unsigned10Q22 => Err(bad_value(row, text, "out of range")),
+                _ => to_raw(row, text, raw),
+            }
+        }
         _ => match number.parse::<i64>() {
             Ok(number) => to_raw(row, text, number as f64),
             Err(_) => Err(bad_value(row, text, "no whole number")),
@@ -264,6 +288,8 @@ fn allowed(row: &Parameter) -> String {
         (Form::Flag, _) => "0 or 1".to_owned(),
         (Form::Fixed, Kind::Fixed) => format!("-32768 to 32767.99998{unit}"),
         (Form::Fixed, _) => format!("0 to 32767.99998{unit}"),
+        (Form::Fine, Kind::Unsigned10Q22) => format!("0 to 1023.9999998{unit}"),
+        (Form::Fine, _) => format!("-512 to 511.9999998{unit}"),
         (_, Kind::Range(min, max)) => format!("{min} to {max}{unit}"),
         (_, Kind::Unsigned31) => format!("0 to 2147483647{unit}"),
         _ => format!("-2147483648 to 2147483647{unit}"),
@@ -371,6 +397,27 @@ fn accept(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gains_of_10_22_are_read_and_shown_with_all_their_places() {
+        let parse = |id: ParameterId, text: &str| Value::parse(id.row(), text);
+        let value = parse(ParameterId::ThrottleSlot0P, "0.2").unwrap();
+        assert_eq!(value.raw, 838_861);
+        assert_eq!(value.to_string(), "0.2 throttle/count");
+        let high = parse(ParameterId::ThrottleSlot0P, "1023.9999998 throttle/count").unwrap();
+        assert_eq!(high.raw, u32::MAX);
+        assert_eq!(high.to_string(), "1023.9999998 throttle/count");
+        let signed = parse(ParameterId::ThrottleSlot1F, "-512").unwrap();
+        assert_eq!(signed.raw, 0x8000_0000);
+        assert_eq!(signed.number(), -512.0);
+        for (id, text) in [
+            (ParameterId::ThrottleSlot0P, "-0.1"),
+            (ParameterId::ThrottleSlot0P, "1024"),
+            (ParameterId::ThrottleSlot1F, "512"),
+        ] {
+            assert!(parse(id, text).is_err(), "{text}");
+        }
+    }
 
     fn parse(name: &str, text: &str) -> Result<u32, ValueError> {
         Value::parse(find_parameter(name).unwrap(), text).map(|value| value.raw)

@@ -29,6 +29,8 @@ pub(super) struct Session<'a, B: Bus> {
     product: Option<u32>,
     serial: Option<String>,
     before: Option<Version>,
+    /// The device has been looked at, and nothing speaks against going on.
+    looked: bool,
     /// The bootloader runs because this session asked for it.
     entered: bool,
     /// The device has everything and has committed it.
@@ -57,6 +59,7 @@ impl<'a, B: Bus> Session<'a, B> {
             product: device.product_id,
             serial: None,
             before: None,
+            looked: false,
             entered: false,
             committed: false,
             stored: 0,
@@ -72,23 +75,28 @@ impl<'a, B: Bus> Session<'a, B> {
     }
 
     pub(super) fn update(mut self, image: &Image) -> Result<Report, FlashError> {
-        let status = self.look()?;
-        self.check(image, status.as_ref())?;
-        self.of = image.pages().len();
-        let updated = self.again(|session| session.update_once(image));
+        let updated = self.again(|session| {
+            if !session.looked {
+                let status = session.look()?;
+                session.check(image, status.as_ref())?;
+                session.of = image.pages().len();
+                session.looked = true;
+            }
+            session.update_once(image)
+        });
         self.unless_unchanged(updated)?;
-        let version = Version(image.header().identity.version);
-        self.report(version)
+        self.report(Version(image.header().identity.version))
     }
 
     pub(super) fn roll_back(mut self) -> Result<Report, FlashError> {
-        let status = self.look()?;
-        let fallback = status.map_or(NO_VERSION, |status| status.fallback);
-        if status.is_some() && fallback == NO_VERSION {
-            return Err(FlashError::NoFallback(self.address));
-        }
-        let mut version = fallback;
-        let restored = self.again(|session| session.roll_back_once(&mut version));
+        let mut version = NO_VERSION;
+        let restored = self.again(|session| {
+            if !session.looked {
+                session.look()?;
+                session.looked = true;
+            }
+            session.roll_back_once(&mut version)
+        });
         self.unless_unchanged(restored)?;
         self.report(Version(version))
     }

@@ -15,6 +15,12 @@ const ADDRESS_FAMILY_NOT_SUPPORTED: i32 = 97;
 const NO_SUCH_DEVICE: i32 = 19;
 /// `ENETDOWN`: the interface is not up.
 const NETWORK_IS_DOWN: i32 = 100;
+/// `ENOBUFS`: the interface's transmit queue, ten frames long by default, is full.
+const NO_BUFFER_SPACE: i32 = 105;
+/// How long to wait for a place in that queue: about the time of two frames at 1 Mbit/s.
+const QUEUE_PERIOD: Duration = Duration::from_micros(300);
+/// Time without a place after which nobody on the bus can be there to acknowledge anything.
+const LONGEST_STALL: Duration = Duration::from_secs(1);
 
 /// A bus behind a CAN interface of the kernel.
 #[derive(Debug)]
@@ -60,9 +66,18 @@ impl Bus for SocketCanBus {
         let Some(frame) = frame else {
             return Err(self.failed(io::Error::from(io::ErrorKind::InvalidInput)));
         };
-        self.socket
-            .write_frame_insist(&frame)
-            .map_err(|error| self.failed(error))
+        let begin = Instant::now();
+        loop {
+            match self.socket.write_frame_insist(&frame) {
+                Err(error)
+                    if error.raw_os_error() == Some(NO_BUFFER_SPACE)
+                        && begin.elapsed() < LONGEST_STALL =>
+                {
+                    std::thread::sleep(QUEUE_PERIOD);
+                }
+                sent => return sent.map_err(|error| self.failed(error)),
+            }
+        }
     }
 
     fn receive(&mut self, timeout: Duration) -> Result<Option<Received>, BusError> {

@@ -60,6 +60,7 @@ impl Dialect for Dmc60c {
         master_timeout_ticks: (104 * TICKS_PER_MS) as u16,
         fault_hold_ticks: (3000 * TICKS_PER_MS) as u16,
         resume: Resume::NonZeroSetpoint,
+        ..Policy::BASE
     };
 
     #[inline]
@@ -156,6 +157,7 @@ fn drive_opts(control: &Control0) -> DriveOpts {
         reverse_sensor: control.reverse_sensor,
         reverse_motor: control.reverse_motor,
         ramp: control.ramp,
+        ..DriveOpts::default()
     }
 }
 

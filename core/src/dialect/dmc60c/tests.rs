@@ -8,7 +8,7 @@ use crate::engine::snapshot::{Actuation, Pins, Snapshot};
 use proptest::prelude::*;
 
 fn view<'a>(params: &'a Params, snapshot: &'a Snapshot) -> View<'a> {
-    View { number: 5, params, snapshot }
+    View { number: 5, params, snapshot, device: crate::dialect::Device::default() }
 }
 
 #[test]

@@ -6,6 +6,8 @@ mod drive;
 mod limits;
 mod properties;
 mod sensors;
+mod throttle;
+mod throttle_law;
 
 use super::command::*;
 use super::settings::Policy;
@@ -21,6 +23,7 @@ const POLICY: Policy = Policy {
     master_timeout_ticks: 208,
     fault_hold_ticks: 6000,
     resume: settings::Resume::NonZeroSetpoint,
+    ..Policy::BASE
 };
 
 /// An engine past its self-check, with everything a test needs to turn knobs.

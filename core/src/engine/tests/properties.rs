@@ -37,6 +37,7 @@ fn any_opts() -> impl Strategy<Value = DriveOpts> {
             reverse_sensor,
             reverse_motor,
             ramp,
+            ..DriveOpts::default()
         }
     })
 }
@@ -49,7 +50,8 @@ prop_compose! {
         Command {
             sequence, setpoint, opts,
             master: MasterReport { duty: Duty::new(duty), sequence: report },
-            set_position: SetPosition { counts, generation },
+            set_position: SetPosition { counts, generation, ..SetPosition::default() },
+            ..Command::default()
         }
     }
 }
@@ -70,6 +72,7 @@ prop_compose! {
             index_falling: IndexCapture { edges, count: count / 2 },
             current: analog[0], bus_voltage: analog[1], temperature: analog[2], analog_in: analog[3],
             pulse: Pulse { width_us, count: pulses },
+            ..Sample::default()
         }
     }
 }

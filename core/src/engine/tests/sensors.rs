@@ -14,6 +14,7 @@ fn position_counts_from_power_on_and_wraps() {
     rig.command.set_position = SetPosition {
         counts: i32::MAX,
         generation: 1,
+        ..SetPosition::default()
     };
     rig.tick();
     rig.sample.encoder = 21;
@@ -32,6 +33,7 @@ fn velocity_is_the_difference_over_200_ticks() {
     rig.command.set_position = SetPosition {
         counts: -5000,
         generation: 1,
+        ..SetPosition::default()
     };
     rig.encoder(1203).tick();
     assert_eq!((rig.snapshot.position, rig.snapshot.velocity), (-5000, 600));
@@ -50,6 +52,7 @@ fn sensor_reversal_negates_position_and_velocity_but_not_while_following() {
     rig.command.set_position = SetPosition {
         counts: 500,
         generation: 1,
+        ..SetPosition::default()
     };
     rig.tick();
     assert_eq!(rig.snapshot.position, 500);
@@ -65,6 +68,7 @@ fn a_repeated_set_position_acts_once() {
     rig.command.set_position = SetPosition {
         counts: 7,
         generation: 1,
+        ..SetPosition::default()
     };
     rig.tick();
     rig.encoder(100).tick();

@@ -7,7 +7,7 @@ use crate::engine::snapshot::Faults;
 use crate::management::vendor::Descriptor;
 use crate::management::wire::MAX_DEVICE_NUMBER;
 use crate::params::Stored;
-use crate::params::table::{ParameterId, Storage, TABLE};
+use crate::params::table::{ParameterId, RULES, Storage};
 
 /// The descriptor that a key is about.
 fn descriptor(key: Key) -> Option<Descriptor> {
@@ -36,7 +36,7 @@ impl Content for Stored {
                 sink.entry(Key::text(which), text);
             }
         }
-        for row in &TABLE {
+        for row in &RULES {
             let value = self.params.get(row.id);
             if row.storage == Storage::Persistent && value != row.default {
                 // Without the zeros at the upper end.
@@ -88,7 +88,7 @@ impl Stored {
         let Some(id) = ParameterId::from_code(id) else {
             return;
         };
-        if id.row().storage == Storage::Persistent && bytes.len() <= 4 {
+        if id.rule().storage == Storage::Persistent && bytes.len() <= 4 {
             let value = bytes
                 .iter()
                 .rev()

@@ -39,7 +39,11 @@ const SHORT: Period = (Pr::DIVIDE_BY4, 160);
 /// While flash is erased, which takes up to 2 s, and in the bootloader: 8.2 s, 5.6 to 15.4 over all parts.
 const LONG: Period = (Pr::DIVIDE_BY64, 4095);
 /// Of the image that this is.
-const PERIOD: Period = if cfg!(feature = "bootloader") { LONG } else { SHORT };
+const PERIOD: Period = if cfg!(feature = "bootloader") {
+    LONG
+} else {
+    SHORT
+};
 
 /// Line of the supply detector among the external interrupts (12.2.5; 15.3, table 103).
 const SUPPLY_LINE: usize = 16;

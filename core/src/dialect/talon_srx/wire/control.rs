@@ -29,6 +29,8 @@ pub struct General {
 }
 
 impl General {
+    // Not inlined: both frames that carry it would have a copy.
+    #[inline(never)]
     const fn parse([high, middle, low, select, options, ramp]: [u8; 6]) -> Self {
         Self {
             demand: i24(high, middle, low),

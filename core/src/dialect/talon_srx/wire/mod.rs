@@ -242,8 +242,7 @@ impl BrakeOverride {
 /// Current in steps of 0.125 A as Status_2 carries it: the size, rounded to the nearest, 0 to 1023.
 #[must_use]
 pub const fn current_raw(current: Amps) -> u16 {
-    let size = current.to_bits().unsigned_abs() as u64;
-    let steps = (size + (1 << 12)) >> 13;
+    let steps = (current.to_bits().unsigned_abs() + (1 << 12)) >> 13;
     if steps > 1023 { 1023 } else { steps as u16 }
 }
 
@@ -256,29 +255,35 @@ pub const fn current(raw: u16) -> Amps {
 /// Temperature in steps of 20/31 °C (0.6451612903) above −50 °C as Status_4 carries it: nearest, 0 to 255.
 #[must_use]
 pub const fn temperature_raw(temperature: Celsius) -> u8 {
-    let above = temperature.to_bits() as i64 + (50 << 16);
+    // 165 °C above the lowest one lie beyond the highest step, and times 31 they fit 32 bits.
+    let above = above(temperature.to_bits(), -50, 165);
     saturated_u8(rounded_quotient::<{ 20 << 16 }>(above * 31))
 }
 
 /// The temperature of a raw value, rounded to the nearest 16.16 number.
 #[must_use]
 pub const fn temperature(raw: u8) -> Celsius {
-    let above = rounded_quotient::<31>((raw as i64 * 20) << 16);
-    Celsius::from_bits(above as i32 - (50 << 16))
+    let above = rounded_quotient::<31>((raw as i32 * 20) << 16);
+    Celsius::from_bits(above - (50 << 16))
 }
 
 /// Battery voltage in steps of 0.05 V above 4 V as Status_4 carries it: nearest, 0 to 255.
 #[must_use]
 pub const fn battery_raw(voltage: Volts) -> u8 {
-    let above = voltage.to_bits() as i64 - (4 << 16);
+    let above = above(voltage.to_bits(), 4, 13);
     saturated_u8(rounded_quotient::<{ 1 << 16 }>(above * 20))
 }
 
 /// The battery voltage of a raw value, rounded to the nearest 16.16 number.
 #[must_use]
 pub const fn battery(raw: u8) -> Volts {
-    let above = rounded_quotient::<20>((raw as i64) << 16);
-    Volts::from_bits(above as i32 + (4 << 16))
+    let above = rounded_quotient::<20>((raw as i32) << 16);
+    Volts::from_bits(above + (4 << 16))
+}
+
+/// What a 16.16 number exceeds the whole number `from` by, 0 to `span`.
+const fn above(bits: i32, from: i32, span: i32) -> i32 {
+    saturate(bits.saturating_sub(from << 16), 0, span << 16)
 }
 
 /// A 16.16 number as 10.22, saturated: currents, temperatures and voltages that are read as parameters.
@@ -287,25 +292,14 @@ pub const fn to_10_22(bits: i32) -> i32 {
     bits.saturating_mul(1 << 6)
 }
 
-const fn saturated_u8(value: i64) -> u8 {
-    if value < 0 {
-        0
-    } else if value > 255 {
-        255
-    } else {
-        value as u8
-    }
+const fn saturated_u8(value: i32) -> u8 {
+    saturate(value, 0, 255) as u8
 }
 
-/// `numerator` / `DENOMINATOR` (which is positive), halves away from zero. A constant denominator: dividing by
-/// a variable one can panic.
-const fn rounded_quotient<const DENOMINATOR: i64>(numerator: i64) -> i64 {
-    let half = DENOMINATOR / 2;
-    if numerator < 0 {
-        (numerator - half) / DENOMINATOR
-    } else {
-        (numerator + half) / DENOMINATOR
-    }
+/// `numerator` / `DENOMINATOR`, neither negative, to the nearest. A constant denominator: dividing by a
+/// variable one can panic.
+const fn rounded_quotient<const DENOMINATOR: i32>(numerator: i32) -> i32 {
+    (numerator + DENOMINATOR / 2) / DENOMINATOR
 }
 
 /// Throttle as Status_1 carries it: −1023 to 1023.

@@ -54,8 +54,8 @@ macro_rules! parameters {
         impl Parameter {
             /// The parameter of a number; `None` where none is known.
             #[must_use]
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code { $( $code => Some(Self::$variant), )* _ => None }
+            pub fn from_code(code: u8) -> Option<Self> {
+                TABLE.iter().map(|row| row.id).find(|id| *id as u8 == code)
             }
 
             /// How its value is read.
@@ -192,9 +192,9 @@ parameters! {
     Temperature = 85, Signed10Q22, ReadOnly;
     /// Battery voltage, V.
     Battery = 86, Signed10Q22, ReadOnly;
-    /// Resets since the first power-on.
+    /// Restarts since power-on.
     ResetCount = 87, Integer, ReadOnly;
-    /// Cause of the last reset.
+    /// Code of the cause of the last reset (ours; none is published).
     ResetFlags = 88, Integer, ReadOnly;
     /// Firmware version, major byte and minor byte.
     FirmwareVersion = 89, Integer, ReadOnly;

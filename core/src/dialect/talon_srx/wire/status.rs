@@ -71,8 +71,7 @@ impl Status1 {
     #[must_use]
     pub fn parse(frame: &Frame) -> Option<Self> {
         let [e0, e1, e2, flags, throttle, select, faults, token_seed] = *frame.exact::<8>()?;
-        // Eleven bits, moved up to the sign of sixteen and back.
-        let throttle = i16::from_be_bytes([flags << 5 | throttle >> 3, throttle << 5]) >> 5;
+        let throttle = throttle_of(flags, throttle);
         Some(Self {
             error: i24(e0, e1, e2),
             throttle,
@@ -93,6 +92,13 @@ impl Status1 {
             mode: ModeSelect::from_code((select & 1) << 3 | faults >> 5),
             token_seed,
         })
+    }
+
+    /// The throttle alone, all that a follower wants; `None` as for [`Status1::parse`].
+    #[must_use]
+    pub fn parse_throttle(frame: &Frame) -> Option<i16> {
+        let [_, _, _, flags, throttle, ..] = *frame.exact::<8>()?;
+        Some(throttle_of(flags, throttle))
     }
 
     /// The frame of device `number`. The error saturates at 24 bits, the throttle at ±1023.
@@ -120,6 +126,11 @@ impl Status1 {
             [e0, e1, e2, flags, low, select, faults, self.token_seed],
         )
     }
+}
+
+/// Eleven bits, moved up to the sign of sixteen and back.
+const fn throttle_of(flags: u8, low: u8) -> i16 {
+    i16::from_be_bytes([flags << 5 | low >> 3, low << 5]) >> 5
 }
 
 /// Status_2, feedback (8 bytes).
