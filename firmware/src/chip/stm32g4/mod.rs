@@ -6,6 +6,8 @@ pub mod flash;
 
 use cortex_m::peripheral::NVIC;
 use stm32_metapac::flash::vals::Latency;
+#[cfg(not(feature = "bootloader"))]
+use stm32_metapac::interrupt;
 use stm32_metapac::rcc::vals::{Fdcansel, Hpre, Pllm, Plln, Pllq, Pllr, Pllsrc, Sw};
 use stm32_metapac::{FLASH, Interrupt, PWR, RCC};
 use windlass_core::reset::ResetCause;
@@ -130,7 +132,7 @@ pub fn watch_supply(nvic: &mut NVIC) {
 }
 
 #[cfg(not(feature = "bootloader"))]
-#[stm32_metapac::interrupt]
+#[interrupt]
 fn PVD_PVM() {
     stm32::supply_is_low();
 }
