@@ -31,8 +31,8 @@ class Examples(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         return done.stdout + done.stderr
 
-    def bench(self, **options) -> Bench:
-        bench = Bench(("dmc60c:0",), **options)
+    def bench(self, node: str = "dmc60c:0", **options) -> Bench:
+        bench = Bench((node,), **options)
         self.addCleanup(bench.close)
         return bench
 
@@ -41,14 +41,19 @@ class Examples(unittest.TestCase):
         self.assertIn("device number 5 set, error code 0", output)
         self.assertRegex(output, r"target 15000, velocity 1[45]\d\d\d ")
 
+    def test_a_talon(self):
+        bench = self.bench("talon:3", paused=False)
+        output = self.run_text(examples()[1], bench.endpoints["slcan"])
+        self.assertRegex(output, r"throttle 511 of 1023, velocity 1[5-9]\d\d\d ")
+
     def test_virtual_time(self):
         bench = self.bench()
-        text = examples()[1].replace("http://127.0.0.1:20001", bench.endpoints["http"].rstrip("/"))
+        text = examples()[2].replace("http://127.0.0.1:20001", bench.endpoints["http"].rstrip("/"))
         text = text.replace("127.0.0.1:20000", bench.endpoints["slcan"])
         self.assertIn("0206f000", self.run_text(text).lower())
 
     def test_library(self):
-        output = self.run_text(examples()[2] + "\n\nimport unittest\nunittest.main()\n")
+        output = self.run_text(examples()[3] + "\n\nimport unittest\nunittest.main()\n")
         self.assertIn("Ran 1 test", output)
 
 

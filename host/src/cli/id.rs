@@ -5,7 +5,7 @@ use serde_json::json;
 use windlass_core::management::vendor::Descriptor;
 
 use super::output::{self, say};
-use super::{Failure, Global, Outcome};
+use super::{Failure, Global, Outcome, talon};
 use crate::client::{Selector, check_number, check_text};
 
 /// Arguments of `windlass id`.
@@ -37,7 +37,7 @@ struct SetArguments {
 #[derive(Clone, Debug, Args)]
 #[group(required = true, multiple = true)]
 struct Changes {
-    /// New device number, 1 to 63.
+    /// New device number, 1 to 63; of a Talon at most 62.
     number: Option<u8>,
     /// Device name, up to 64 bytes.
     #[arg(long, value_name = "TEXT")]
@@ -101,7 +101,13 @@ fn set(arguments: &SetArguments, global: &Global) -> Result<Outcome, Failure> {
         text.map_or(Ok(()), |text| check_text(descriptor, text))?;
     }
     let mut client = global.connect()?;
-    let before = client.find(&arguments.device)?.address;
+    let device = client.find(&arguments.device)?;
+    let before = device.address;
+    if let Some(number) = changes.number
+        && talon::is_talon(&mut client, &device)?
+    {
+        talon::check_number(number)?;
+    }
     for (descriptor, text) in changes.strings() {
         if let Some(text) = text {
             client.set_descriptor(before, descriptor, text)?;

@@ -6,7 +6,7 @@ use windlass_core::management::wire::ImageType;
 
 use super::connect::{Connection, devices};
 use super::output::{self, say};
-use super::{Failure, Global, Outcome};
+use super::{Failure, Global, Outcome, talon};
 use crate::client::{Device, Error, Version, product_name};
 
 /// Arguments of `windlass scan`.
@@ -17,8 +17,8 @@ pub(super) struct Arguments {}
 pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
     let mut client = global.connect()?;
     let devices = devices(&mut client, None)?;
-    let duplicates = duplicates(&devices);
     let dialects = dialects(&mut client, &devices)?;
+    let duplicates = duplicates(&devices, &dialects);
     if global.json {
         let list: Vec<Value> = devices
             .iter()
@@ -33,7 +33,7 @@ pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Fa
         return Ok(Outcome::Done);
     }
     say!("device      dialect  image         app    boot   product")?;
-    for (device, dialect) in devices.iter().zip(dialects) {
+    for (device, dialect) in devices.iter().zip(&dialects) {
         let dialect = dialect.unwrap_or("?");
         let address = device.address.to_string();
         let image = device.image_name();
@@ -47,7 +47,10 @@ pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Fa
              give each a number with `windlass id set`"
         )?;
     }
-    if devices.iter().any(|device| device.address.number == 0) {
+    let unnumbered = |(device, dialect): (&Device, &Option<&str>)| {
+        device.address.number == 0 && !talon::is_name(*dialect)
+    };
+    if devices.iter().zip(&dialects).any(unnumbered) {
         say!("note: a device has no number yet; give it one with `windlass id set 0 NUMBER`")?;
     }
     Ok(Outcome::Done)
@@ -102,16 +105,20 @@ fn versions(device: &Device) -> (String, String) {
     }
 }
 
-/// Numbers that more than one device has, apart from 0, which stands for "none".
-fn duplicates(devices: &[Device]) -> Vec<u8> {
-    let numbers: Vec<u8> = devices.iter().map(|device| device.address.number).collect();
-    let mut twice: Vec<u8> = numbers
-        .windows(2)
-        .filter_map(|pair| match pair {
-            [a, b] if a == b && *a != 0 => Some(*a),
-            _ => None,
-        })
-        .collect();
-    twice.dedup();
+/// Numbers that more than one device of a dialect has. 0 stands for "none" unless a Talon has it, whose
+/// factory number it is (Talon manual 2.2).
+fn duplicates(devices: &[Device], dialects: &[Option<&'static str>]) -> Vec<u8> {
+    let mut seen = Vec::new();
+    let mut twice = Vec::new();
+    for (device, dialect) in devices.iter().zip(dialects) {
+        let number = device.address.number;
+        if number == 0 && !talon::is_name(*dialect) {
+            continue;
+        }
+        if seen.contains(&(number, dialect)) && !twice.contains(&number) {
+            twice.push(number);
+        }
+        seen.push((number, dialect));
+    }
     twice
 }

@@ -154,16 +154,13 @@ impl<B: Bus> CanTalon<B> {
         };
         let demand = mode.demand(value)?;
         self.motor(|motor, _| motor.set_point = value);
-        let present = self.motor(|motor, _| motor.control.mode);
-        if present != Some(mode.select()) {
-            // A demand in the unit of the new mode must not be taken in the old one.
-            self.change(|control| {
-                control.mode = ModeSelect::NoDrive;
-                control.demand = demand;
-            })?;
-            return self.change(|control| control.mode = mode.select());
+        // A new mode is "No Drive" until here, so the demand is never taken in the unit of the one before.
+        self.change(|control| control.demand = demand)?;
+        let driving = self.motor(|motor, _| motor.control.mode == mode.select());
+        if driving != Some(true) {
+            self.change(|control| control.mode = mode.select())?;
         }
-        self.change(|control| control.demand = demand)
+        Ok(())
     }
 
     /// The last set point.

@@ -5,7 +5,7 @@
 //! bus and real on others. [`CanTalon`] is one motor controller: what is set goes into its control frame,
 //! what is read comes from its status frames.
 //!
-//! ```no_run
+//! ```
 //! use std::time::Duration;
 //! use windlass::client::talon::Robot;
 //! use windlass::transport::SimBus;

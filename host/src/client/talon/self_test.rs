@@ -39,6 +39,8 @@ pub struct SelfTest {
     pub version: Option<(u8, u8)>,
     /// The sticky faults were cleared by this self-test.
     pub cleared: bool,
+    /// There are values to show: frames came once.
+    known: bool,
     general: Status1,
     feedback: Status2,
     encoder: Status3,
@@ -118,6 +120,7 @@ impl SelfTest {
                 .start_up
                 .map(|stamped| (stamped.value.version[0], stamped.value.version[1])),
             cleared: false,
+            known: status.general.is_some() || status.feedback.is_some() || status.analog.is_some(),
             general: status
                 .general
                 .map(|stamped| stamped.value)
@@ -205,9 +208,12 @@ impl SelfTest {
         wire::current(self.feedback.current).to_num()
     }
 
-    /// Every line of the report with its label.
+    /// Every line of the report with its label; none if no frame ever came.
     #[must_use]
     pub fn lines(&self) -> Vec<(&'static str, String)> {
+        if !self.known {
+            return Vec::new();
+        }
         let (general, feedback) = (&self.general, &self.feedback);
         let (encoder, analog) = (&self.encoder, &self.analog);
         let share = units::share(general.throttle);
@@ -266,8 +272,13 @@ impl fmt::Display for SelfTest {
         if !self.responding {
             writeln!(
                 out,
-                "X  Talon SRX (Device ID {}) is not responding; the values below are the last ones known",
-                self.number
+                "X  Talon SRX (Device ID {}) is not responding{}",
+                self.number,
+                if self.known {
+                    "; the values below are the last ones known"
+                } else {
+                    ""
+                }
             )?;
         } else if self.enabled() {
             writeln!(out, "Talon SRX (Device ID {}) is ENABLED", self.number)?;
