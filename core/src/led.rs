@@ -1,11 +1,12 @@
 //! What the LEDs show: a pure function of the state and the time.
 //!
 //! Four LEDs stand in a circle, numbered clockwise; the fifth shows brake or coast. Sources: DMC60C guide
-//! (`vcmdFlashLEDS`, halted state), its hardware reference manual (neutral, direction, brake/coast), and
-//! `docs/leds.md` for everything that no source tells.
+//! (`vcmdFlashLEDS`, halted state), its hardware reference manual (neutral, direction, brake/coast), the
+//! Talon SRX manual (2.2, 2.3.2, 4.1, 16.3 to 16.5, 16.13), and `docs/leds.md` for everything that no source
+//! tells.
 
 use crate::engine::command::Neutral;
-use crate::engine::snapshot::{DriveState, Snapshot};
+use crate::engine::snapshot::{DriveState, Faults, Snapshot};
 use crate::time::{Duration, Instant};
 use crate::units::Duty;
 
@@ -60,11 +61,23 @@ pub struct Leds {
     pub brake: Colour,
 }
 
+/// How the LEDs tell it. The dialect chooses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Style {
+    /// One light runs around the circle.
+    #[default]
+    Running,
+    /// All four blink together, as on a board that has one LED at either terminal.
+    Blinking,
+}
+
 /// What the LEDs have to tell, the most urgent first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Indication {
     /// Identify command: a rainbow. Holds the time since it began.
     Identify(Duration),
+    /// The same in the bootloader.
+    IdentifyInBootloader(Duration),
     /// The bootloader runs.
     Bootloader,
     /// A fault is active; holds its bit.
@@ -105,10 +118,21 @@ const SLOWEST_STEP_MS: u32 = 250;
 const FASTEST_STEP_MS: u32 = 25;
 const BOOTLOADER_STEP_MS: u32 = 125;
 
-/// The indication of an application's state. `linked` tells that a CAN bus is seen.
+/// Half periods of [`Style::Blinking`]: disabled 1 Hz, identify 8 Hz, bootloader 2 Hz (`docs/leds.md`).
+const DISABLED_MS: u32 = 500;
+const IDENTIFY_HALF_US: u32 = 62_500;
+const BOOTLOADER_MS: u32 = 250;
+/// A limit's light goes from one side to the other and pauses, 4 times a second.
+const LIMIT_STEP_US: u32 = 250_000 / 3;
+/// Half periods near neutral (2 Hz) and at full duty cycle (10 Hz).
+const SLOWEST_BLINK_HZ: u32 = 2;
+const FASTEST_BLINK_HZ: u32 = 10;
+
+/// The indication of an application's state. `linked` tells that a CAN bus is seen, `stopping` which faults
+/// keep the output off: only they are shown.
 #[must_use]
-pub fn indication(linked: bool, snapshot: &Snapshot) -> Indication {
-    if let Some(fault) = snapshot.faults.lowest() {
+pub fn indication(linked: bool, snapshot: &Snapshot, stopping: Faults) -> Indication {
+    if let Some(fault) = snapshot.faults.intersection(stopping).lowest() {
         return Indication::Fault(fault as u8);
     }
     if !linked && !snapshot.pulse_valid {
@@ -126,24 +150,37 @@ pub fn indication(linked: bool, snapshot: &Snapshot) -> Indication {
     Indication::Drive(snapshot.duty())
 }
 
-/// Milliseconds, wrapping after 49 days. Divides in steps of 16 bits, because a division of 64 bits is a function of
-/// 400 bytes, which a bootloader cannot spare.
-fn millis(micros: u64) -> u32 {
-    let (mut quotient, mut rest) = (0_u32, 0_u32);
-    for shift in [48, 32, 16, 0] {
-        let part = rest << 16 | u32::from((micros >> shift) as u16);
-        quotient = quotient << 16 | part / 1000;
-        rest = part % 1000;
-    }
-    quotient
+/// The time in µs, which starts anew after 71 minutes, with a jump of the pattern. The division of 64 bits is a
+/// function of 400 bytes, which a bootloader cannot spare.
+const fn micros(now: Instant) -> u32 {
+    now.as_micros() as u32
+}
+
+/// A time of a few seconds in µs.
+const fn short(time: Duration) -> u32 {
+    time.as_micros() as u32
 }
 
 /// The LEDs for an indication at `now`.
 #[must_use]
-pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
-    let ms = millis(now.as_micros());
-    let ring = match indication {
-        Indication::Identify(since) => rainbow(millis(since.as_micros())),
+pub fn leds(now: Instant, style: Style, indication: Indication, neutral: Neutral) -> Leds {
+    let ring = match style {
+        Style::Running => running_ring(now, indication),
+        Style::Blinking => blinking_ring(now, indication),
+    };
+    let brake = match neutral {
+        Neutral::Brake => Colour::Red,
+        Neutral::Coast => Colour::Off,
+    };
+    Leds { ring, brake }
+}
+
+fn running_ring(now: Instant, indication: Indication) -> [Colour; 4] {
+    let ms = micros(now) / 1000;
+    match indication {
+        Indication::Identify(since) | Indication::IdentifyInBootloader(since) => {
+            rainbow(short(since) / 1000)
+        }
         Indication::Bootloader => running(ms / BOOTLOADER_STEP_MS, Colour::White, true),
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, Colour::Red); 4],
@@ -159,16 +196,61 @@ pub fn leds(now: Instant, indication: Indication, neutral: Neutral) -> Leds {
         Indication::ReverseLimit => [Colour::Off, Colour::Off, Colour::Red, Colour::Red],
         Indication::Drive(Duty::ZERO) => [Colour::Orange; 4],
         Indication::Drive(duty) => drive(ms, duty),
-    };
-    let brake = match neutral {
-        Neutral::Brake => Colour::Red,
-        Neutral::Coast => Colour::Off,
-    };
-    Leds { ring, brake }
+    }
 }
 
-fn blink(ms: u32, half_period: u32, colour: Colour) -> Colour {
-    if (ms / half_period).is_multiple_of(2) {
+fn blinking_ring(now: Instant, indication: Indication) -> [Colour; 4] {
+    let us = micros(now);
+    let ms = us / 1000;
+    let (red, off) = (Colour::Red, Colour::Off);
+    match indication {
+        Indication::Identify(since) => {
+            [blink(short(since), IDENTIFY_HALF_US, Colour::Orange); 4]
+        }
+        Indication::IdentifyInBootloader(since) => {
+            [alternate(short(since) / IDENTIFY_HALF_US); 4]
+        }
+        Indication::Bootloader => [alternate(ms / BOOTLOADER_MS); 4],
+        Indication::Fault(bit) => [fault_flash(ms, bit); 4],
+        Indication::NoLink => [blink(ms, NO_LINK_MS, red); 4],
+        Indication::Halted => [blink(ms, DISABLED_MS, Colour::Orange); 4],
+        Indication::ForwardLimit => match us / LIMIT_STEP_US % 3 {
+            0 => [off, off, red, red],
+            1 => [red, red, off, off],
+            _ => [off; 4],
+        },
+        Indication::ReverseLimit => match us / LIMIT_STEP_US % 3 {
+            0 => [red, red, off, off],
+            1 => [off, off, red, red],
+            _ => [off; 4],
+        },
+        Indication::Drive(Duty::ZERO) => [Colour::Orange; 4],
+        Indication::Drive(duty) => {
+            let colour = if duty > Duty::ZERO {
+                Colour::Green
+            } else {
+                red
+            };
+            let span = FASTEST_BLINK_HZ - SLOWEST_BLINK_HZ;
+            // In units of 1/4096 Hz, so that the rate grows evenly; never 0.
+            let rate = (SLOWEST_BLINK_HZ * 32_768 + span * u32::from(duty.magnitude())) / 8;
+            [blink(us, 500_000 * 4096 / rate.max(1), colour); 4]
+        }
+    }
+}
+
+/// Green and orange in turn.
+const fn alternate(step: u32) -> Colour {
+    if step.is_multiple_of(2) {
+        Colour::Green
+    } else {
+        Colour::Orange
+    }
+}
+
+/// Lit in every first half of a period; both times in the same unit.
+fn blink(time: u32, half_period: u32, colour: Colour) -> Colour {
+    if (time / half_period.max(1)).is_multiple_of(2) {
         colour
     } else {
         Colour::Off
@@ -218,16 +300,10 @@ mod tests {
     use super::*;
     use Colour::{Cyan, Fuchsia, Green, Off, Orange, Red};
 
-    #[test]
-    fn milliseconds_are_those_of_a_division() {
-        for micros in [0, 999, 1000, 65_535_999, 1 << 32, (1 << 48) - 1, u64::MAX] {
-            assert_eq!(millis(micros), (micros / 1000) as u32);
-        }
-    }
-
     fn ring(ms: u32, indication: Indication) -> [Colour; 4] {
         leds(
             Instant::from_micros(u64::from(ms) * 1000),
+            Style::Running,
             indication,
             Neutral::Brake,
         )
@@ -273,6 +349,7 @@ mod tests {
                 .map(|step| {
                     leds(
                         Instant::ZERO,
+                        Style::Running,
                         Indication::Identify(Duration::from_millis(step * 100)),
                         Neutral::Coast,
                     )
@@ -287,8 +364,29 @@ mod tests {
     }
 
     #[test]
+    fn blinking_grows_from_2_to_10_hz_with_the_duty_cycle() {
+        let changes = |duty| {
+            let shown = |us| {
+                let now = Instant::from_micros(us);
+                let indication = Indication::Drive(Duty::new(duty));
+                leds(now, Style::Blinking, indication, Neutral::Brake).ring
+            };
+            (1..10_000)
+                .filter(|ms| shown(ms * 1000) != shown(ms * 1000 - 1000))
+                .count()
+        };
+        assert!((39..=41).contains(&changes(1)), "{}", changes(1));
+        assert!(
+            (199..=201).contains(&changes(i16::MAX)),
+            "{}",
+            changes(i16::MAX)
+        );
+    }
+
+    #[test]
     fn the_brake_led_follows_the_neutral_setting() {
-        let brake = |neutral| leds(Instant::ZERO, Indication::Halted, neutral).brake;
+        let brake =
+            |neutral| leds(Instant::ZERO, Style::Running, Indication::Halted, neutral).brake;
         assert_eq!((brake(Neutral::Brake), brake(Neutral::Coast)), (Red, Off));
     }
 

@@ -3,9 +3,12 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use ed25519_dalek::SigningKey;
 use windlass::client::{Address, Client, Device, Version};
-use windlass::flash::{FlashError, Observer, Options, Phase, Report, flash, roll_back};
-use windlass::image::{Format, Image, parse};
+use windlass::flash::{
+    FlashError, Observer, Options, Phase, Report, flash, install_key, roll_back,
+};
+use windlass::image::{Format, Image, key, parse};
 use windlass::transport::{Bus, BusError, Received, SimBus};
 use windlass_core::boot::image::{Hardware, INFO_OFFSET, Identity, InfoBlock, PAGE_SIZE};
 use windlass_core::frame::Frame;
@@ -135,11 +138,16 @@ impl Bench {
 }
 
 fn image(hardware: &Hardware, version: u16, pages: usize) -> Image {
+    counted_image(hardware, version, pages, 0)
+}
+
+/// An image with an anti-rollback counter.
+fn counted_image(hardware: &Hardware, version: u16, pages: usize, rollback: u32) -> Image {
     let identity = Identity {
         product: PRODUCT_DMC60C,
         hardware: hardware.id,
         version,
-        rollback: 0,
+        rollback,
     };
     let mut bytes: Vec<u8> = (0..pages * PAGE_SIZE)
         .map(|at| (at as u32).wrapping_mul(0x9E37_79B1).to_be_bytes()[0] & 0x7F)
@@ -277,4 +285,89 @@ fn a_lossy_bus_costs_time_and_nothing_else() {
     let image = largest(&Hardware::F405, 0x0119);
     let report = bench.flash(5, &image).unwrap();
     assert_eq!(report.version, Version(0x0119));
+}
+
+#[test]
+fn with_a_key_installed_only_images_that_it_has_signed_run() {
+    let (ours, theirs) = (
+        SigningKey::from_bytes(&[7; 32]),
+        SigningKey::from_bytes(&[8; 32]),
+    );
+    for chip in [Chip::Stm32F405, Chip::Stm32G474, Chip::Stm32G431] {
+        let mut bench = Bench::new(&[chip], 0.0);
+        let plain = image(&chip.hardware(), 0x0119, 3);
+        let device = bench.device(5);
+        let order = key::install_order(&ours.verifying_key(), None);
+        install_key(&mut bench.client, &device, &order, &mut bench.watch).unwrap();
+
+        let error = bench.flash(5, &plain).unwrap_err();
+        assert!(matches!(error, FlashError::Unsigned(_)), "{error}");
+        assert_eq!(bench.version(5), Version(0x0117), "nothing was changed");
+
+        let report = bench.flash(5, &plain.clone().signed(&ours)).unwrap();
+        assert_eq!(report.version, Version(0x0119), "{chip:?}");
+
+        // A signature can only be checked when all is there: the device is left without an application,
+        // and takes a good image.
+        let next = image(&chip.hardware(), 0x0120, 4);
+        let error = bench.flash(5, &next.clone().signed(&theirs)).unwrap_err();
+        assert!(error.to_string().contains("cercBadSignature"), "{error}");
+        assert_eq!(bench.version(5), Version::NONE);
+        let report = bench.flash(5, &next.signed(&ours)).unwrap();
+        assert_eq!(report.version, Version(0x0120), "{chip:?}");
+    }
+}
+
+#[test]
+fn a_key_is_replaced_by_its_owner_only() {
+    let keys = [7, 8, 9].map(|seed| SigningKey::from_bytes(&[seed; 32]));
+    let [first, second, stranger] = &keys;
+    let mut bench = Bench::new(&[Chip::Stm32F405], 0.0);
+    let mut install = |key: &SigningKey, by: Option<&SigningKey>| {
+        let device = bench.device(5);
+        let order = key::install_order(&key.verifying_key(), by);
+        let done = install_key(&mut bench.client, &device, &order, &mut bench.watch);
+        bench.client.listen(Duration::from_millis(500)).unwrap();
+        done.is_ok()
+    };
+    assert!(install(first, None));
+    assert!(!install(second, None));
+    assert!(!install(second, Some(stranger)));
+    assert!(install(second, Some(first)));
+    let image = image(&Hardware::F405, 0x0119, 3);
+    assert!(bench.flash(5, &image.clone().signed(first)).is_err());
+    let report = bench.flash(5, &image.signed(second)).unwrap();
+    assert_eq!(report.version, Version(0x0119));
+}
+
+#[test]
+fn an_older_counter_than_a_confirmed_image_s_is_refused() {
+    let mut bench = Bench::new(&[Chip::Stm32F405], 0.0);
+    let hardware = Hardware::F405;
+    bench
+        .flash(5, &counted_image(&hardware, 0x0119, 3, 4))
+        .unwrap();
+    // Confirmed by the answers so far; the next start keeps the counter.
+    bench.client.listen(Duration::from_secs(1)).unwrap();
+    bench.client.bus().bus.world().power_cycle(0);
+    bench.client.listen(Duration::from_secs(10)).unwrap();
+    let error = bench
+        .flash(5, &counted_image(&hardware, 0x0120, 3, 3))
+        .unwrap_err();
+    assert!(
+        matches!(
+            error,
+            FlashError::RollbackRefused {
+                image: 3,
+                device: 4,
+                ..
+            }
+        ),
+        "{error}"
+    );
+    assert_eq!(bench.version(5), Version(0x0119));
+    let report = bench
+        .flash(5, &counted_image(&hardware, 0x0118, 3, 4))
+        .unwrap();
+    assert_eq!(report.version, Version(0x0118));
 }

@@ -27,9 +27,13 @@ fn colours(patterns: &[[Colour; 4]]) -> Vec<Colour> {
 }
 
 #[test]
-#[ignore = "the Talon's LED patterns are not done yet"]
 fn row_67_row_28_a_disabled_talon_blinks_orange() {
     let bench = TalonBench::new(&["talon:3"]);
+    // Somebody is on the bus, but nobody drives; without any frame the light is red (row 74).
+    bench
+        .robot
+        .lend(|client| client.find(&"talon:3".parse().unwrap()))
+        .unwrap();
     bench.run(1000);
     let seen = patterns(&bench, 0, 4000);
     assert_eq!(colours(&seen), [Colour::Off, Colour::Orange]);
@@ -72,7 +76,6 @@ fn the_direction_blinks_green_or_red_faster_with_more_throttle() {
 }
 
 #[test]
-#[ignore = "the Talon's LED patterns are not done yet"]
 fn row_24_limits_blink_red_towards_their_side() {
     for (poke, value, forward) in [
         (Poke::ForwardLimitClosed(true), 0.5, true),
@@ -133,7 +136,6 @@ fn row_74_without_a_can_bus_the_leds_are_red() {
 }
 
 #[test]
-#[ignore = "the Talon's LED patterns are not done yet"]
 fn row_11_without_an_application_the_leds_blink_green_and_orange() {
     let bench = TalonBench::new(&["talon:3"]);
     let address = bench

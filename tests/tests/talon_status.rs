@@ -318,7 +318,6 @@ fn row_51_a_change_after_15_quiet_seconds_is_saved_at_once() {
 }
 
 #[test]
-#[ignore = "settings are saved by the DMC60C's rule, 15 s without a change"]
 fn row_52_a_further_change_is_saved_15_s_after_the_last_save() {
     let (bench, talon) = TalonBench::enabled();
     bench.run(16_000);
@@ -358,7 +357,6 @@ fn row_53_the_same_value_again_writes_nothing() {
 }
 
 #[test]
-#[ignore = "settings are saved by the DMC60C's rule, 15 s without a change"]
 fn row_55_constant_change_is_saved_once_in_15_s() {
     let (bench, talon) = TalonBench::enabled();
     bench.run(16_000);

@@ -12,15 +12,17 @@ use super::slots::{Booted, Slots, boot};
 use super::status::Reason;
 use super::trust::{KEY_LENGTH, SIGNED_KEY_LENGTH, Trust};
 use super::updater::{TRANSFER_SIZE, Updater};
+use crate::dialect::DialectKind;
 use crate::engine::command::Neutral;
 use crate::frame::Frame;
-use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
+use crate::led::{self, IDENTIFY_TIME, Indication, Leds, Style};
 use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{FirmwareVersions, ImageType, MAX_DEVICE_NUMBER};
 use crate::management::{Answer, Decoded, ENUMERATION_ATTEMPTS, Management, Request, SessionIds};
 use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
 use crate::params::journal::{Change, Content, Journal, Key};
 use crate::params::store::{Descriptors, Text};
+use crate::params::table::ParameterId;
 use crate::reset::ResetCause;
 use crate::time::Instant;
 
@@ -49,6 +51,16 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
             Some([number]) if *number <= MAX_DEVICE_NUMBER => *number,
             _ => 0,
         }
+    }
+
+    /// The stored dialect's way with the LEDs.
+    fn led_style(&mut self) -> Style {
+        let key = Key::Parameter(ParameterId::Dialect.code());
+        let code = match self.journal.get(self.settings, key).as_deref() {
+            Some([code, ..]) => u32::from(*code),
+            _ => 0,
+        };
+        DialectKind::from_code(code).map_or(Style::default(), DialectKind::led_style)
     }
 
     fn descriptors(&mut self) -> Descriptors {
@@ -141,6 +153,7 @@ pub struct Loader {
     updater: Updater,
     trust: Trust,
     number: u8,
+    style: Style,
     purpose: Purpose,
     work: Option<Work>,
     reset: Option<Handover>,
@@ -162,6 +175,7 @@ impl Loader {
             updater: Updater::new(memory.slots),
             trust: memory.trust(config.product_id, config.hardware),
             number: memory.number(),
+            style: memory.led_style(),
             purpose: Purpose::Page(0),
             work: None,
             reset: None,
@@ -400,11 +414,11 @@ impl Loader {
     pub fn leds(&self, now: Instant) -> Leds {
         let indication = match self.identify_since {
             Some(since) if now.since(since) < IDENTIFY_TIME => {
-                Indication::Identify(now.since(since))
+                Indication::IdentifyInBootloader(now.since(since))
             }
             _ => Indication::Bootloader,
         };
-        led::leds(now, indication, Neutral::Coast)
+        led::leds(now, self.style, indication, Neutral::Coast)
     }
 
     /// Frames by what became of them.

@@ -142,3 +142,66 @@ mod signature {
         false
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::boot::image::{Identity, SIGNATURE_LENGTH};
+
+    const TRUST: Trust = Trust {
+        product: 1,
+        hardware: 2,
+        rollback: 3,
+        key: None,
+    };
+    const HEADER: Header = Header {
+        identity: Identity {
+            product: 1,
+            hardware: 2,
+            version: 0x0100,
+            rollback: 3,
+        },
+        pages: 0b11,
+        image_crc: 0,
+        signature: None,
+    };
+
+    #[test]
+    fn a_header_is_refused_for_the_first_thing_that_is_wrong() {
+        let judge = |change: fn(&mut Header, &mut Trust)| {
+            let (mut header, mut trust) = (HEADER, TRUST);
+            change(&mut header, &mut trust);
+            trust.admits(&header, 0b111)
+        };
+        assert_eq!(judge(|_, _| ()), Ok(()));
+        assert_eq!(judge(|header, _| header.identity.rollback = 4), Ok(()));
+        assert_eq!(
+            judge(|header, _| header.identity.product = 0),
+            Err(CommandCode::WrongProduct)
+        );
+        assert_eq!(
+            judge(|header, _| header.identity.hardware = 0),
+            Err(CommandCode::WrongHardware)
+        );
+        assert_eq!(
+            judge(|header, _| header.pages = 0b1001),
+            Err(CommandCode::WrongHardware)
+        );
+        assert_eq!(
+            judge(|header, _| header.identity.rollback = 2),
+            Err(CommandCode::RollbackRefused)
+        );
+        assert_eq!(
+            judge(|_, trust| trust.key = Some([0; KEY_LENGTH])),
+            Err(CommandCode::BadSignature)
+        );
+        assert_eq!(
+            judge(|header, trust| {
+                trust.key = Some([0; KEY_LENGTH]);
+                header.signature = Some([0; SIGNATURE_LENGTH]);
+            }),
+            Ok(()),
+            "whether it is a good one is known when the image is whole"
+        );
+    }
+}

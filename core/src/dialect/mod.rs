@@ -10,6 +10,7 @@ use crate::engine::command::{DriveOpts, PositionOf, Setpoint};
 use crate::engine::settings::Policy;
 use crate::engine::snapshot::{Faults, Snapshot};
 use crate::frame::Frame;
+use crate::led::Style;
 use crate::params::{Params, SaveRule};
 use crate::time::Instant;
 use crate::units::Duty;
@@ -135,6 +136,9 @@ pub trait Dialect {
     /// When changed settings are written under this dialect.
     const SAVE_RULE: SaveRule = SaveRule::AfterQuiet;
 
+    /// How the LEDs show the state under this dialect.
+    const LED_STYLE: Style = Style::Running;
+
     /// True if frames with this identifier mean anything to device `number`; also the source of
     /// hardware filters.
     fn accepts(&self, number: u8, id: Id) -> bool;
@@ -199,6 +203,14 @@ macro_rules! dialects {
             pub const fn save_rule(self) -> SaveRule {
                 match self {
                     $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::SAVE_RULE, )*
+                }
+            }
+
+            /// How the LEDs show the state.
+            #[must_use]
+            pub const fn led_style(self) -> Style {
+                match self {
+                    $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::LED_STYLE, )*
                 }
             }
         }

@@ -423,7 +423,8 @@ impl Node {
     /// What the LEDs show.
     #[must_use]
     pub fn leds(&self, now: Instant, snapshot: &Snapshot) -> Leds {
-        led::leds(now, self.indication(now, snapshot), snapshot.neutral)
+        let style = self.dialect.kind().led_style();
+        led::leds(now, style, self.indication(now, snapshot), snapshot.neutral)
     }
 
     /// What the LEDs tell.
@@ -434,7 +435,10 @@ impl Node {
                 Indication::Identify(now.since(since))
             }
             _ if self.config.image != ImageType::Application => Indication::Bootloader,
-            _ => led::indication(self.session().is_some(), snapshot),
+            _ => {
+                let stopping = self.settings.policy.stopping;
+                led::indication(self.session().is_some(), snapshot, stopping)
+            }
         }
     }
 

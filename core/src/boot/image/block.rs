@@ -60,7 +60,7 @@ pub struct Identity {
     pub hardware: u32,
     /// Application version, major and minor byte (`fwverApp`); never [`NO_VERSION`].
     pub version: u16,
-    /// Anti-rollback counter: once a controller with a key has confirmed an image, it refuses images with a
+    /// Anti-rollback counter: once a controller has confirmed an image, it refuses images with a
     /// smaller one.
     pub rollback: u32,
 }

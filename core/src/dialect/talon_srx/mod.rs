@@ -29,6 +29,7 @@ use crate::engine::policy::{
 use crate::engine::snapshot::{DriveState, Fault, Faults, LimitStatus};
 use crate::field::saturate_i16;
 use crate::frame::Frame;
+use crate::led::Style;
 use crate::frc_id::{NUMBER_MASK, base, number};
 use crate::params::{Params, SaveRule};
 use crate::params::table::ParameterId;
@@ -117,6 +118,9 @@ impl Dialect for TalonSrx {
 
     /// At most once in 15 s, the latest values always (manual 11.1).
     const SAVE_RULE: SaveRule = SaveRule::SinceLastSave;
+
+    /// Manual 2.2, 4.1 and 16.3; rates by docs/leds.md.
+    const LED_STYLE: Style = Style::Blinking;
 
     fn accepts(&self, own: u8, id: Id) -> bool {
         let Id::Extended(id) = id else { return false };

@@ -1,5 +1,5 @@
 //! The whole sweep of power cuts over the settings journal, and a day of constant change:
-//! `cargo run --release -p windlass-tests --bin journal-cuts`.
+//! `cargo run --release -p windlass-tests --example journal_cuts`.
 
 use std::process::ExitCode;
 
