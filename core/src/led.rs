@@ -204,12 +204,8 @@ fn blinking_ring(now: Instant, indication: Indication) -> [Colour; 4] {
     let ms = us / 1000;
     let (red, off) = (Colour::Red, Colour::Off);
     match indication {
-        Indication::Identify(since) => {
-            [blink(short(since), IDENTIFY_HALF_US, Colour::Orange); 4]
-        }
-        Indication::IdentifyInBootloader(since) => {
-            [alternate(short(since) / IDENTIFY_HALF_US); 4]
-        }
+        Indication::Identify(since) => [blink(short(since), IDENTIFY_HALF_US, Colour::Orange); 4],
+        Indication::IdentifyInBootloader(since) => [alternate(short(since) / IDENTIFY_HALF_US); 4],
         Indication::Bootloader => [alternate(ms / BOOTLOADER_MS); 4],
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, red); 4],

@@ -3,6 +3,7 @@
 //! The decision is made before anything but the watchdog is set up, so that an application finds the chip as a
 //! reset has left it. Nothing here touches a pin of the bridge: they stay inputs, and the bridge off.
 
+use windlass_core::boot::image::Page;
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory};
 use windlass_core::boot::slots::Booted;
 use windlass_core::led::Leds;
@@ -73,7 +74,7 @@ pub fn decide<A: NorFlash, F: NorFlash, J: NorFlash>(
 /// the restart that was asked for.
 pub fn pass<S: Station, A: NorFlash, F: NorFlash, J: NorFlash>(
     station: &mut S,
-    loader: &mut Loader,
+    loader: &mut Loader<&'static mut Page>,
     memory: &mut Memory<'_, A, F, J>,
     on_the_way: &mut Option<Tag>,
 ) -> Option<Handover> {
@@ -108,7 +109,7 @@ pub fn pass<S: Station, A: NorFlash, F: NorFlash, J: NorFlash>(
 /// The loader on the bus, until it restarts.
 pub fn stay<S: Station, A: NorFlash, F: NorFlash, J: NorFlash>(
     station: &mut S,
-    loader: &mut Loader,
+    loader: &mut Loader<&'static mut Page>,
     memory: &mut Memory<'_, A, F, J>,
 ) -> Cause {
     let mut on_the_way = None;

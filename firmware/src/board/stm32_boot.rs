@@ -1,8 +1,9 @@
 //! The bootloader of all STM32 boards.
 
 use cortex_m::Peripherals;
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 use stm32_metapac::TIM7;
+use windlass_core::boot::image::{PAGE_SIZE, Page};
 use windlass_core::boot::loader::{Loader, Memory};
 use windlass_core::led::Leds;
 use windlass_core::params::journal::Journal;
@@ -17,8 +18,9 @@ use crate::fault::{self, RECORD};
 use crate::memory;
 use crate::record::Cause;
 
-/// Static, because it would take up most of the stack.
-static LOADER: StaticCell<Loader> = StaticCell::new();
+/// The page buffer: static, because it would take up most of the stack, and by itself, because a loader that holds it
+/// would be copied through several stack frames on its way into a static.
+static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
 /// The board's part of the loader.
 struct Front<'a> {
@@ -77,8 +79,9 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     board.panel.start();
     chip::start_clock(board.tick_mhz);
     if let Some(mut core) = Peripherals::take()
-        && let Some(loader) = LOADER.try_init_with(|| Loader::new(&config, &mut memory))
+        && let Some(page) = PAGE.try_take()
     {
+        let mut loader = Loader::with_page(&config, &mut memory, page);
         let [receive, transmit] = board.can;
         let mut front = Front {
             board,
@@ -86,7 +89,7 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
             now: Instant::ZERO,
             count: 0,
         };
-        fault::end(stay(&mut front, loader, &mut memory));
+        fault::end(stay(&mut front, &mut loader, &mut memory));
     }
     // Both are taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })

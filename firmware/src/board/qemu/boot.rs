@@ -2,8 +2,9 @@
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 use stm32_metapac::Interrupt;
+use windlass_core::boot::image::{PAGE_SIZE, Page};
 use windlass_core::boot::loader::{Loader, Memory};
 use windlass_core::led::Leds;
 use windlass_core::params::journal::Journal;
@@ -19,8 +20,9 @@ use crate::fault::{self, RECORD};
 use crate::memory;
 use crate::record::Cause;
 
-/// Static, because it would take up most of the stack.
-static LOADER: StaticCell<Loader> = StaticCell::new();
+/// The page buffer: static, because it would take up most of the stack, and by itself, because a loader that holds it
+/// would be copied through several stack frames on its way into a static.
+static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
 /// The board's part of the loader.
 struct Front {
@@ -68,8 +70,9 @@ pub fn boot() -> ! {
         Err(config) => config,
     };
     if let Some(mut core) = Peripherals::take()
-        && let Some(loader) = LOADER.try_init_with(|| Loader::new(&config, &mut memory))
+        && let Some(page) = PAGE.try_take()
     {
+        let mut loader = Loader::with_page(&config, &mut memory, page);
         chip::start_serial(&mut core.NVIC, serial::CAN, Interrupt::USART1);
         chip::start_clock(&mut core.SYST);
         let mut front = Front {
@@ -77,7 +80,7 @@ pub fn boot() -> ! {
             timer: core.SYST,
             now: Instant::ZERO,
         };
-        fault::end(stay(&mut front, loader, &mut memory));
+        fault::end(stay(&mut front, &mut loader, &mut memory));
     }
     // Both are taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })
