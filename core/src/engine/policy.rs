@@ -29,7 +29,7 @@ pub enum Law {
     /// 16-bit duty cycle, law and ramp every 500 µs tick ([`super::pidf`]).
     #[default]
     PerTick,
-    /// 10-bit throttle, law every 1 ms, ramp every 10 ms ([`super::throttle`]).
+    /// 10-bit throttle, law every 1 ms, ramp every 10 ms.
     Throttle,
 }
 

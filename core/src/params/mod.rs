@@ -17,7 +17,7 @@ pub enum WriteError {
 
 /// Values of all parameters, raw as on the wire.
 ///
-/// Invariant: every value is allowed by its row in [`TABLE`].
+/// Invariant: every value is allowed by its row in [`TABLE`](table::TABLE).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Params {
     values: [u32; COUNT],
