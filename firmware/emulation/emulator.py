@@ -108,6 +108,22 @@ class Emulator:
         """Ends the program by "panic", "fault" or "interrupt"; it restarts."""
         self.poker.sendall(f"crash {how}\r".encode())
 
+    def console_answers(self, seconds: float = 5) -> bool:
+        """Whether the application runs: the bootloader does not listen here."""
+        end = time.monotonic() + seconds
+        self.poker.settimeout(0.5)
+        try:
+            while time.monotonic() < end:
+                self.poker.sendall(b"\rstack\r")
+                try:
+                    if self.poker.recv(64):
+                        return True
+                except TimeoutError:
+                    pass
+            return False
+        finally:
+            self.poker.settimeout(SILENCE_SECONDS)
+
     def flood(self):
         """From now on a frame is received whenever the firmware looks for one."""
         self._ask(b"flood\r")

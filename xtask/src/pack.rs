@@ -24,7 +24,7 @@ pub(crate) struct Files {
     pub(crate) hex: PathBuf,
     /// Bootloader, application and its commit record at their addresses.
     pub(crate) whole: PathBuf,
-    /// The slot with trailer, as a programmer would write it.
+    /// The whole slot with its trailer, for the emulator.
     pub(crate) slot: PathBuf,
 }
 
@@ -37,7 +37,7 @@ impl Files {
         board: &Board,
     ) -> Result<Self, Error> {
         let (start, length) = region_of(board, "FLASH")?;
-        let (trailer, _) = region_of(board, "TRAILER")?;
+        let (trailer, trailer_length) = region_of(board, "TRAILER")?;
         let mut pages = flat(application.segments(), start as u32);
         let (header, last) = seal(&pages, length as usize).map_err(|what| Error::Image {
             path: elf.to_owned(),
@@ -66,7 +66,9 @@ impl Files {
         write(&files.binary, &pages)?;
         write(&files.hex, intel_hex(application, &slot)?.as_bytes())?;
         slot.push(record);
-        write(&files.slot, &flat(&slot, start as u32))?;
+        let mut whole_slot = flat(&slot, start as u32);
+        whole_slot.resize((length + trailer_length) as usize, 0xFF);
+        write(&files.slot, &whole_slot)?;
         let mut whole = bootloader.segments().to_vec();
         whole.extend(slot);
         write(&files.whole, intel_hex(application, &whole)?.as_bytes())?;
