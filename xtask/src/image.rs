@@ -34,7 +34,7 @@ impl Part {
     const fn budget(self) -> (u64, u64) {
         match self {
             Self::Bootloader => (8 * 1024, 6 * 1024),
-            // The goal is 40 KiB; the second dialect took 8 KiB, the settings journal and the slots 5 KiB, and what of
+            // The goal is 40 KiB; the second dialect took 8 KiB, the settings journal and the slots 8 KiB, and what of
             // it can be won back is open (docs/firmware.md).
             Self::Application => (54 * 1024, 8 * 1024),
         }
