@@ -108,25 +108,25 @@ const RAINBOW: [Colour; 7] = [
 ];
 
 /// Time of each rainbow colour, of each flash of a fault code, and between the sides while halted.
-const RAINBOW_STEP_MS: u64 = 100;
-const FLASH_MS: u64 = 250;
-const HALTED_MS: u64 = 250;
+const RAINBOW_STEP_MS: u32 = 100;
+const FLASH_MS: u32 = 250;
+const HALTED_MS: u32 = 250;
 /// Half period of the 1 Hz blinking without a link.
-const NO_LINK_MS: u64 = 500;
+const NO_LINK_MS: u32 = 500;
 /// Time of one running step: from 250 ms near neutral to 25 ms near full duty cycle.
-const SLOWEST_STEP_MS: u64 = 250;
-const FASTEST_STEP_MS: u64 = 25;
-const BOOTLOADER_STEP_MS: u64 = 125;
+const SLOWEST_STEP_MS: u32 = 250;
+const FASTEST_STEP_MS: u32 = 25;
+const BOOTLOADER_STEP_MS: u32 = 125;
 
 /// Half periods of [`Style::Blinking`]: disabled 1 Hz, identify 8 Hz, bootloader 2 Hz (`docs/leds.md`).
-const DISABLED_MS: u64 = 500;
-const IDENTIFY_HALF_US: u64 = 62_500;
-const BOOTLOADER_MS: u64 = 250;
+const DISABLED_MS: u32 = 500;
+const IDENTIFY_HALF_US: u32 = 62_500;
+const BOOTLOADER_MS: u32 = 250;
 /// A limit's light goes from one side to the other and pauses, 4 times a second.
-const LIMIT_STEP_US: u64 = 250_000 / 3;
+const LIMIT_STEP_US: u32 = 250_000 / 3;
 /// Half periods near neutral (2 Hz) and at full duty cycle (10 Hz).
-const SLOWEST_BLINK_HZ: u64 = 2;
-const FASTEST_BLINK_HZ: u64 = 10;
+const SLOWEST_BLINK_HZ: u32 = 2;
+const FASTEST_BLINK_HZ: u32 = 10;
 
 /// The indication of an application's state. `linked` tells that a CAN bus is seen, `stopping` which faults
 /// keep the output off: only they are shown.
@@ -150,6 +150,17 @@ pub fn indication(linked: bool, snapshot: &Snapshot, stopping: Faults) -> Indica
     Indication::Drive(snapshot.duty())
 }
 
+/// The time in µs, which starts anew after 71 minutes, with a jump of the pattern. The division of 64 bits is a
+/// function of 400 bytes, which a bootloader cannot spare.
+const fn micros(now: Instant) -> u32 {
+    now.as_micros() as u32
+}
+
+/// A time of a few seconds in µs.
+const fn short(time: Duration) -> u32 {
+    time.as_micros() as u32
+}
+
 /// The LEDs for an indication at `now`.
 #[must_use]
 pub fn leds(now: Instant, style: Style, indication: Indication, neutral: Neutral) -> Leds {
@@ -165,10 +176,10 @@ pub fn leds(now: Instant, style: Style, indication: Indication, neutral: Neutral
 }
 
 fn running_ring(now: Instant, indication: Indication) -> [Colour; 4] {
-    let ms = now.as_micros() / 1000;
+    let ms = micros(now) / 1000;
     match indication {
         Indication::Identify(since) | Indication::IdentifyInBootloader(since) => {
-            rainbow(since.as_micros() / 1000)
+            rainbow(short(since) / 1000)
         }
         Indication::Bootloader => running(ms / BOOTLOADER_STEP_MS, Colour::White, true),
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
@@ -189,16 +200,12 @@ fn running_ring(now: Instant, indication: Indication) -> [Colour; 4] {
 }
 
 fn blinking_ring(now: Instant, indication: Indication) -> [Colour; 4] {
-    let us = now.as_micros();
+    let us = micros(now);
     let ms = us / 1000;
     let (red, off) = (Colour::Red, Colour::Off);
     match indication {
-        Indication::Identify(since) => {
-            [blink(since.as_micros(), IDENTIFY_HALF_US, Colour::Orange); 4]
-        }
-        Indication::IdentifyInBootloader(since) => {
-            [alternate(since.as_micros() / IDENTIFY_HALF_US); 4]
-        }
+        Indication::Identify(since) => [blink(short(since), IDENTIFY_HALF_US, Colour::Orange); 4],
+        Indication::IdentifyInBootloader(since) => [alternate(short(since) / IDENTIFY_HALF_US); 4],
         Indication::Bootloader => [alternate(ms / BOOTLOADER_MS); 4],
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, red); 4],
@@ -221,15 +228,15 @@ fn blinking_ring(now: Instant, indication: Indication) -> [Colour; 4] {
                 red
             };
             let span = FASTEST_BLINK_HZ - SLOWEST_BLINK_HZ;
-            // In units of 1/32768 Hz, so that the rate grows evenly; never 0.
-            let rate = SLOWEST_BLINK_HZ * 32_768 + span * u64::from(duty.magnitude());
-            [blink(us, 500_000 * 32_768 / rate.max(1), colour); 4]
+            // In units of 1/4096 Hz, so that the rate grows evenly; never 0.
+            let rate = (SLOWEST_BLINK_HZ * 32_768 + span * u32::from(duty.magnitude())) / 8;
+            [blink(us, 500_000 * 4096 / rate.max(1), colour); 4]
         }
     }
 }
 
 /// Green and orange in turn.
-const fn alternate(step: u64) -> Colour {
+const fn alternate(step: u32) -> Colour {
     if step.is_multiple_of(2) {
         Colour::Green
     } else {
@@ -238,7 +245,7 @@ const fn alternate(step: u64) -> Colour {
 }
 
 /// Lit in every first half of a period; both times in the same unit.
-fn blink(time: u64, half_period: u64, colour: Colour) -> Colour {
+fn blink(time: u32, half_period: u32, colour: Colour) -> Colour {
     if (time / half_period.max(1)).is_multiple_of(2) {
         colour
     } else {
@@ -247,25 +254,25 @@ fn blink(time: u64, half_period: u64, colour: Colour) -> Colour {
 }
 
 /// Every corner goes through the seven colours, each one step behind its neighbour.
-fn rainbow(ms: u64) -> [Colour; 4] {
+fn rainbow(ms: u32) -> [Colour; 4] {
     [0, 1, 2, 3].map(|corner| {
-        let at = (ms / RAINBOW_STEP_MS + corner) % RAINBOW.len() as u64;
+        let at = (ms / RAINBOW_STEP_MS + corner) % RAINBOW.len() as u32;
         RAINBOW.get(at as usize).copied().unwrap_or_default()
     })
 }
 
 /// One LED lit, moving clockwise or back.
-fn running(step: u64, colour: Colour, clockwise: bool) -> [Colour; 4] {
+fn running(step: u32, colour: Colour, clockwise: bool) -> [Colour; 4] {
     let at = if clockwise { step % 4 } else { 3 - step % 4 };
     [0, 1, 2, 3].map(|led| if led == at { colour } else { Colour::Off })
 }
 
 /// Forward runs green and clockwise, reverse red and back, faster with the duty cycle; all four are solid
 /// at full duty cycle.
-fn drive(ms: u64, duty: Duty) -> [Colour; 4] {
+fn drive(ms: u32, duty: Duty) -> [Colour; 4] {
     let forward = duty > Duty::ZERO;
     let colour = if forward { Colour::Green } else { Colour::Red };
-    let size = u64::from(duty.magnitude());
+    let size = u32::from(duty.magnitude());
     if size >= 32767 {
         return [colour; 4];
     }
@@ -274,8 +281,8 @@ fn drive(ms: u64, duty: Duty) -> [Colour; 4] {
 }
 
 /// Red flashes on an orange ground, one more than the fault's bit, then a pause of two flashes.
-fn fault_flash(ms: u64, bit: u8) -> Colour {
-    let flashes = u64::from(bit) + 1;
+fn fault_flash(ms: u32, bit: u8) -> Colour {
+    let flashes = u32::from(bit) + 1;
     let slot = ms / FLASH_MS % (2 * flashes + 4);
     if slot < 2 * flashes && slot.is_multiple_of(2) {
         Colour::Red
@@ -289,9 +296,9 @@ mod tests {
     use super::*;
     use Colour::{Cyan, Fuchsia, Green, Off, Orange, Red};
 
-    fn ring(ms: u64, indication: Indication) -> [Colour; 4] {
+    fn ring(ms: u32, indication: Indication) -> [Colour; 4] {
         leds(
-            Instant::from_micros(ms * 1000),
+            Instant::from_micros(u64::from(ms) * 1000),
             Style::Running,
             indication,
             Neutral::Brake,
@@ -323,7 +330,7 @@ mod tests {
     #[test]
     fn a_fault_flashes_red_as_often_as_its_bit_plus_one() {
         for bit in 0..4 {
-            let period = (2 * (u64::from(bit) + 1) + 4) * FLASH_MS;
+            let period = (2 * (u32::from(bit) + 1) + 4) * FLASH_MS;
             let reds = (0..period / FLASH_MS)
                 .filter(|slot| ring(slot * FLASH_MS, Indication::Fault(bit)) == [Red; 4])
                 .count();

@@ -25,11 +25,14 @@ ANSWER_PERIODS = 1000
 CLOCK_MHZ = 168
 
 
-def image() -> str:
-    """The image to run: WINDLASS_IMAGE, as `cargo xtask qemu-test` sets it."""
-    path = os.environ.get("WINDLASS_IMAGE")
+FACTORY = 0x0802_0000  # where the emulated board finds what its slot holds at power-on
+
+
+def given(name: str) -> str:
+    """A file that `cargo xtask qemu-test` names in the environment."""
+    path = os.environ.get(name)
     if not path:
-        raise FileNotFoundError("no image: run this through `cargo xtask qemu-test`")
+        raise FileNotFoundError(f"no {name}: run this through `cargo xtask qemu-test`")
     return path
 
 
@@ -42,12 +45,16 @@ def free_port() -> int:
 class Emulator:
     """One QEMU process and the client's ends of its two serial lines."""
 
-    def __init__(self, sleep: bool = True):
+    def __init__(self, sleep: bool = True, application: bool = True):
         """Without `sleep` the emulator's idle time takes no time, and its clock is exact to the
-        instruction instead of near real time."""
+        instruction instead of near real time. Without `application` the slot is erased."""
         line, pokes = free_port(), free_port()
+        factory = [
+            "-device", f"loader,file={given('WINDLASS_SLOT')},addr={FACTORY:#x},force-raw=on",
+        ] if application else []
         self.process = subprocess.Popen([
-            "qemu-system-arm", "-M", "netduinoplus2", "-kernel", image(),
+            "qemu-system-arm", "-M", "netduinoplus2", "-kernel", given("WINDLASS_BOOTLOADER"),
+            *factory,
             "-display", "none", "-monitor", "none",
             "-serial", f"tcp:127.0.0.1:{line},server=on,wait=on,nodelay=on",
             "-serial", f"tcp:127.0.0.1:{pokes},server=on,wait=off,nodelay=on",
@@ -101,6 +108,22 @@ class Emulator:
         """Ends the program by "panic", "fault" or "interrupt"; it restarts."""
         self.poker.sendall(f"crash {how}\r".encode())
 
+    def console_answers(self, seconds: float = 5) -> bool:
+        """Whether the application runs: the bootloader does not listen here."""
+        end = time.monotonic() + seconds
+        self.poker.settimeout(0.5)
+        try:
+            while time.monotonic() < end:
+                self.poker.sendall(b"\rstack\r")
+                try:
+                    if self.poker.recv(64):
+                        return True
+                except TimeoutError:
+                    pass
+            return False
+        finally:
+            self.poker.settimeout(SILENCE_SECONDS)
+
     def flood(self):
         """From now on a frame is received whenever the firmware looks for one."""
         self._ask(b"flood\r")
@@ -121,7 +144,7 @@ class Emulator:
 
     def log(self) -> list:
         """Ends the process and gives the lines of its log, decoded."""
-        done = subprocess.run([os.environ["WINDLASS_XTASK"], "log", image()], input=self.close(),
+        done = subprocess.run([os.environ["WINDLASS_XTASK"], "log", given("WINDLASS_IMAGE")], input=self.close(),
                               capture_output=True, check=True)
         return done.stdout.decode().splitlines()
 
@@ -143,9 +166,10 @@ class EmulatorTest(unittest.TestCase):
     """One emulator for each test."""
 
     sleep = True
+    application = True
 
     def setUp(self):
-        self.emulator = Emulator(self.sleep)
+        self.emulator = Emulator(self.sleep, self.application)
         self.addCleanup(self.emulator.close)
         self.addCleanup(self.note_stack)
         self.bus = self.emulator.bus

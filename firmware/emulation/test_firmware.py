@@ -235,10 +235,10 @@ class Crash(EmulatorTest):
     def test_a_panic_is_told_after_the_restart(self):
         cause, line, file = self.crash("panic")
         self.assertEqual(cause, dmc60c.RESET_PANIC)
-        source = os.path.join(SOURCES, "board", "qemu", "serial.rs")
+        source = os.path.join(SOURCES, "board", "qemu", "console.rs")
         with open(source, encoding="utf-8") as text:
             self.assertIn("panic!", text.readlines()[line - 1])
-        self.assertEqual(file, fnv_1a("firmware/src/board/qemu/serial.rs"))
+        self.assertEqual(file, fnv_1a("firmware/src/board/qemu/console.rs"))
 
     def test_a_processor_fault_is_told_after_the_restart(self):
         cause, status, _ = self.crash("fault")

@@ -1,6 +1,6 @@
 //! The control tick and what crosses between it and thread mode.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use windlass_core::engine::command::Command;
 use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
@@ -19,7 +19,6 @@ pub struct Crossing {
     /// What the latest tick saw and did, tick to thread.
     pub snapshot: Latest<Option<Snapshot>>,
     ticks: AtomicU32,
-    restart: AtomicBool,
 }
 
 impl Crossing {
@@ -31,17 +30,7 @@ impl Crossing {
             command: Latest::new(None),
             snapshot: Latest::new(None),
             ticks: AtomicU32::new(0),
-            restart: AtomicBool::new(false),
         }
-    }
-
-    /// Makes the tick begin anew, with the bridge off, until settings and command come again: the node
-    /// restarts.
-    pub fn restart(&self) {
-        self.settings.put(None);
-        self.command.put(None);
-        self.restart.store(true, Ordering::Relaxed);
-        self.snapshot.put(None);
     }
 
     /// A tick passes in which there is nothing to measure yet.
@@ -92,9 +81,6 @@ impl Control {
     /// thread mode has published settings and a command.
     pub fn tick(&mut self, crossing: &Crossing, sample: &Sample) -> Actuation {
         crossing.skip();
-        if crossing.restart.swap(false, Ordering::Relaxed) {
-            *self = Self::new();
-        }
         if let Some(settings) = crossing.settings.take() {
             self.settings = Some(settings);
         }

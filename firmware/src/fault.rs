@@ -8,11 +8,13 @@ use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
 
 use crate::board;
-use crate::record::{Cause, Record, hash};
+#[cfg(not(feature = "bootloader"))]
+use crate::record::hash;
+use crate::record::{Cause, Record};
 use crate::stack;
 
-/// Survives a reset: `.uninit` is neither zeroed nor loaded at the start.
-#[unsafe(link_section = ".uninit.RECORD")]
+/// Survives a reset, at the same place for bootloader and application: `.record` is neither zeroed nor loaded.
+#[unsafe(link_section = ".record")]
 pub static RECORD: Record = Record::new();
 
 /// Ends the program.
@@ -24,6 +26,17 @@ pub fn end(cause: Cause) -> ! {
     SCB::sys_reset();
 }
 
+/// The bootloader cannot panic: it would not link if it could, because this exists nowhere.
+#[cfg(feature = "bootloader")]
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    unsafe extern "C" {
+        safe fn a_panic_is_reachable() -> !;
+    }
+    a_panic_is_reachable()
+}
+
+#[cfg(not(feature = "bootloader"))]
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     let (line, file) = info

@@ -1,102 +1,106 @@
-//! What outlives the node on a board without a settings memory: kept in RAM, lost with the power.
+//! What outlives a run of the application: settings in the journal, the image in its slot, and what the bootloader has
+//! passed on.
 
+use embedded_storage::nor_flash::NorFlash;
+use windlass_core::boot::slots::Slot;
 use windlass_core::engine;
-use windlass_core::management::wire::ImageType;
-use windlass_core::node::{Handover, NodeConfig};
+use windlass_core::node::NodeConfig;
 use windlass_core::params::Stored;
-use windlass_core::reset::{Reset, ResetCause};
+use windlass_core::params::journal::{Journal, SaveError, Saved};
+use windlass_core::reset::Reset;
 
-use crate::record::{Cause, Record, Start};
+use crate::record::PassedOn;
 
-/// Settings, and the order that the node before has left.
-#[derive(Clone, Debug)]
-pub struct Kept {
-    record: &'static Record,
-    board: engine::Board,
-    seed: u32,
-    reset: Reset,
-    /// Left by the node before.
-    handover: Option<Handover>,
-    /// Settings that were saved last.
-    pub stored: Option<Stored>,
+/// What the application knows of itself and of its start.
+#[derive(Clone, Copy, Debug)]
+pub struct Origin {
+    /// Passed on by the bootloader.
+    pub passed_on: PassedOn,
+    /// The application's own version.
+    pub version: u16,
+    /// Converts what is measured.
+    pub board: engine::Board,
+    /// Differs from specimen to specimen.
+    pub seed: u32,
 }
 
-impl Kept {
-    /// At the start of the program. `hardware` is the cause of the start that the chip tells, `board` converts
-    /// what is measured, and `seed` differs from specimen to specimen.
+/// Settings and image of the application: `S` is the journal's memory, `A` that of the application's slot.
+#[derive(Debug)]
+pub struct Kept<S, A> {
+    origin: Origin,
+    journal: Journal,
+    settings: S,
+    slot: Slot<A>,
+}
+
+impl<S: NorFlash, A: NorFlash> Kept<S, A> {
+    /// Opens the journal: at the start of the program, because that may take an erase.
     #[must_use]
-    pub fn new(
-        record: &'static Record,
-        hardware: ResetCause,
-        board: engine::Board,
-        seed: u32,
-    ) -> Self {
-        let Start { reset, handover } = record.start(hardware);
+    pub fn new(origin: Origin, mut settings: S, slot: Slot<A>) -> Self {
         Self {
-            record,
-            board,
-            seed,
-            reset,
-            handover,
-            stored: None,
+            origin,
+            journal: Journal::open(&mut settings),
+            settings,
+            slot,
         }
     }
 
-    /// The node restarts on purpose. The program goes on, because a reset of the processor would lose the
-    /// settings; what the next node learns is the same.
-    pub fn restart(&mut self, handover: Handover) {
-        self.record.set(Cause::Requested(handover));
-        let Start { reset, handover } = self.record.start(ResetCause::Requested);
-        self.reset = reset;
-        self.handover = handover;
-    }
-
-    /// Why the present node has started.
+    /// Why the application has started.
     #[must_use]
     pub const fn reset(&self) -> Reset {
-        self.reset
+        self.origin.passed_on.start.reset
     }
 
-    /// What the next node is made from: there is no bootloader of its own, so that the node plays it when
-    /// it is told to stay there.
+    /// What the node is made from.
     #[must_use]
-    pub const fn node_config(&self) -> NodeConfig {
-        let image = match self.handover {
-            Some(handover) if handover.stay_in_bootloader => ImageType::Bootloader,
-            _ => ImageType::Application,
-        };
+    pub fn node_config(&self) -> NodeConfig {
+        let Origin {
+            passed_on,
+            version,
+            board,
+            seed,
+        } = self.origin;
         NodeConfig {
-            image,
-            board: self.board,
-            handover: self.handover,
-            reset: self.reset,
-            ..NodeConfig::dmc60c(self.seed)
+            board,
+            application_version: version,
+            bootloader_version: passed_on.bootloader_version,
+            handover: passed_on.start.handover,
+            newer_settings: self.journal.is_newer_format(),
+            reset: passed_on.start.reset,
+            ..NodeConfig::dmc60c(seed)
         }
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+    /// The settings in force.
+    pub fn load(&mut self) -> Stored {
+        Stored::load(&self.journal, &mut self.settings)
+    }
 
-    #[test]
-    fn only_an_order_to_stay_leads_to_the_bootloader() {
-        static RECORD: Record = Record::new();
-        let mut kept = Kept::new(&RECORD, ResetCause::PowerOn, engine::Board::REFERENCE, 1);
-        assert_eq!(kept.node_config().image, ImageType::Application);
-        for (stay_in_bootloader, image) in [
-            (false, ImageType::Application),
-            (true, ImageType::Bootloader),
-        ] {
-            let handover = Handover {
-                session: 7,
-                stay_in_bootloader,
-            };
-            kept.restart(handover);
-            let config = kept.node_config();
-            assert_eq!((config.image, config.handover), (image, Some(handover)));
-            assert_eq!(config.reset.cause, ResetCause::Requested);
+    /// Writes the settings. Where one bank of flash holds program and settings, the processor waits for each unit,
+    /// and if it may erase, for up to half a second.
+    ///
+    /// # Errors
+    /// See [`SaveError`].
+    pub fn save(&mut self, stored: &Stored, may_erase: bool) -> Result<Saved, SaveError> {
+        self.journal.save(&mut self.settings, stored, may_erase)
+    }
+
+    /// Erases in advance if that is of use, so that a later save need not wait for it.
+    pub fn erase_ahead(&mut self) {
+        if self.journal.wants_erase::<S>() {
+            // If it fails, a later save finds out.
+            let _ = self.journal.erase_next(&mut self.settings);
         }
-        assert_eq!(kept.reset().count, 2);
+    }
+
+    /// The image has run and answered.
+    pub fn confirm(&mut self) {
+        // If it fails, the next start tries again.
+        let _ = self.slot.confirm();
+    }
+
+    /// The slot that the application runs from.
+    pub const fn slot(&mut self) -> &mut Slot<A> {
+        &mut self.slot
     }
 }

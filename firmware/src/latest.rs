@@ -21,6 +21,11 @@ impl<T: Copy> Latest<T> {
         critical_section::with(|token| self.0.borrow(token).set(value));
     }
 
+    /// Replaces the value and gives the one before.
+    pub fn replace(&self, value: T) -> T {
+        critical_section::with(|token| self.0.borrow(token).replace(value))
+    }
+
     /// The value.
     #[must_use]
     pub fn get(&self) -> T {

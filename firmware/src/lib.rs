@@ -15,6 +15,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod bootloader;
 pub mod button;
 pub mod clock;
 pub mod control;
@@ -23,6 +24,7 @@ pub mod exercise;
 pub mod kept;
 pub mod latest;
 pub mod mailbox;
+pub mod partition;
 pub mod port;
 pub mod record;
 pub mod shunt;
@@ -34,7 +36,13 @@ pub mod board;
 pub mod chip;
 #[cfg(target_os = "none")]
 pub mod fault;
+#[cfg(all(target_os = "none", not(feature = "bootloader")))]
+pub mod info;
+#[cfg(all(target_os = "none", feature = "bootloader"))]
+pub mod launch;
 #[cfg(target_os = "none")]
 pub mod log;
+#[cfg(target_os = "none")]
+pub mod memory;
 #[cfg(target_os = "none")]
 pub mod stack;

@@ -29,6 +29,9 @@ mod lines {
             Event::Disconnected => defmt::warn!("bus lost"),
             Event::Faults(faults) if faults.bits() == 0 => defmt::info!("faults over"),
             Event::Faults(faults) => defmt::error!("faults {=u8:#b}", faults.bits()),
+            Event::NotSaved(error) => {
+                defmt::warn!("settings not saved, code {=u8}", error as u8);
+            }
             Event::Saved => defmt::debug!("settings saved"),
             Event::Restart(handover) => defmt::info!("restart: {}", handover),
             Event::Dropped(frames) => defmt::warn!("{=u32} frames dropped", frames),

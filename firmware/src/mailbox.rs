@@ -36,10 +36,40 @@ pub struct Mailbox {
     /// Frames that found no place, here or in the controller.
     dropped: AtomicU32,
     /// How often the transmission on its way may still be destroyed.
-    on_the_way: Latest<Option<Attempts>>,
+    on_the_way: Latest<Maybe<Attempts>>,
     /// How the latest transmission ended.
-    ended: Latest<Option<TxOutcome>>,
+    ended: Latest<Maybe<TxOutcome>>,
 }
+
+/// An option that is all zeros while it is empty, so that an empty mailbox takes up no flash.
+#[derive(Clone, Copy, Debug)]
+struct Maybe<T> {
+    present: bool,
+    value: T,
+}
+
+impl<T: Copy> Maybe<T> {
+    const fn none(zero: T) -> Self {
+        Self {
+            present: false,
+            value: zero,
+        }
+    }
+
+    const fn some(value: T) -> Self {
+        Self {
+            present: true,
+            value,
+        }
+    }
+
+    fn get(self) -> Option<T> {
+        self.present.then_some(self.value)
+    }
+}
+
+const NOTHING_ON_THE_WAY: Maybe<Attempts> = Maybe::none(Attempts::UntilSent);
+const NOT_ENDED: Maybe<TxOutcome> = Maybe::none(TxOutcome::Sent);
 
 impl Mailbox {
     /// An empty mailbox.
@@ -48,16 +78,19 @@ impl Mailbox {
         Self {
             received: Mutex::new(RefCell::new(Deque::new())),
             dropped: AtomicU32::new(0),
-            on_the_way: Latest::new(None),
-            ended: Latest::new(None),
+            on_the_way: Latest::new(NOTHING_ON_THE_WAY),
+            ended: Latest::new(NOT_ENDED),
         }
     }
 
     /// A frame was received; it is dropped and counted if there is no place.
     pub fn receive(&self, frame: Frame) {
-        let kept =
-            critical_section::with(|token| self.received.borrow_ref_mut(token).push_back(frame));
-        if kept.is_err() {
+        // Nothing borrows it while interrupts are masked; without a check that could panic.
+        let kept = critical_section::with(|token| {
+            let received = self.received.borrow(token).try_borrow_mut();
+            received.is_ok_and(|mut received| received.push_back(frame).is_ok())
+        });
+        if !kept {
             self.count_drop();
         }
     }
@@ -76,12 +109,12 @@ impl Mailbox {
 
     /// A transmission starts.
     pub fn start(&self, attempts: Attempts) {
-        self.on_the_way.put(Some(attempts));
+        self.on_the_way.put(Maybe::some(attempts));
     }
 
     /// An attempt has ended; true if it is to be repeated.
     pub fn ended(&self, attempt: Attempt) -> bool {
-        let Some(attempts) = self.on_the_way.get() else {
+        let Some(attempts) = self.on_the_way.get().get() else {
             return false;
         };
         let left = match (attempt, attempts) {
@@ -98,28 +131,31 @@ impl Mailbox {
             self.finish(TxOutcome::Failed);
             return false;
         }
-        self.on_the_way.put(Some(left));
+        self.on_the_way.put(Maybe::some(left));
         true
     }
 
     fn finish(&self, outcome: TxOutcome) {
-        self.on_the_way.put(None);
-        self.ended.put(Some(outcome));
+        self.on_the_way.put(NOTHING_ON_THE_WAY);
+        self.ended.put(Maybe::some(outcome));
     }
 
     /// The bus is lost: what is on its way is given up without an outcome.
     pub fn flush(&self) {
-        self.on_the_way.put(None);
-        self.ended.put(None);
+        self.on_the_way.put(NOTHING_ON_THE_WAY);
+        self.ended.put(NOT_ENDED);
     }
 
     /// The next event for thread mode: the end of a transmission before frames.
     pub fn poll(&self) -> Option<BusEvent> {
-        if let Some(outcome) = self.ended.take() {
+        if let Some(outcome) = self.ended.replace(NOT_ENDED).get() {
             return Some(BusEvent::Ended(outcome));
         }
-        critical_section::with(|token| self.received.borrow_ref_mut(token).pop_front())
-            .map(BusEvent::Received)
+        critical_section::with(|token| {
+            let mut received = self.received.borrow(token).try_borrow_mut().ok()?;
+            received.pop_front()
+        })
+        .map(BusEvent::Received)
     }
 }
 

@@ -1,10 +1,12 @@
 //! What a board offers to thread mode.
 
+use embedded_storage::nor_flash::NorFlash;
 use windlass_core::engine::snapshot::Faults;
 use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Handover, Transmission, TxOutcome};
+use windlass_core::params::journal::SaveError;
 use windlass_core::reset::Reset;
 use windlass_core::time::Instant;
 
@@ -37,6 +39,8 @@ pub enum Event {
     Faults(Faults),
     /// Settings have been saved.
     Saved,
+    /// Settings could not be saved.
+    NotSaved(SaveError),
     /// The node restarts because it was told to.
     Restart(Handover),
     /// Received frames were lost: so many since power-on.
@@ -60,6 +64,10 @@ pub trait Bus {
 pub trait Board {
     /// Its bus.
     type Bus: Bus;
+    /// Memory of the settings journal.
+    type Settings: NorFlash;
+    /// Memory of the application's slot.
+    type Application: NorFlash;
 
     /// Time since power-on.
     fn now(&mut self) -> Instant;
@@ -67,8 +75,11 @@ pub trait Board {
     /// The bus.
     fn bus(&mut self) -> &mut Self::Bus;
 
-    /// Settings, and what the node before has left.
-    fn kept(&mut self) -> &mut Kept;
+    /// Settings and image.
+    fn kept(&mut self) -> &mut Kept<Self::Settings, Self::Application>;
+
+    /// Resets the processor; bridge off.
+    fn restart(&mut self, handover: Handover) -> !;
 
     /// Shows the LEDs; called once a tick at most.
     fn show(&mut self, leds: Leds);

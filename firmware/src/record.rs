@@ -59,7 +59,22 @@ pub struct Start {
 pub struct Record {
     words: [AtomicU32; 4],
     count: [AtomicU32; 2],
+    passed_on: [AtomicU32; 5],
 }
+
+/// What the bootloader tells the application that it starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PassedOn {
+    /// Why the controller has started: the chip and the record tell it only once.
+    pub start: Start,
+    /// Version of the bootloader.
+    pub bootloader_version: u16,
+}
+
+/// Bits of the first word that is passed on.
+const HAS_HANDOVER: u32 = 1 << 8;
+const STAY: u32 = 1 << 9;
+const VERSION_SHIFT: u32 = 16;
 
 impl Record {
     /// An empty record.
@@ -68,7 +83,58 @@ impl Record {
         Self {
             words: [const { AtomicU32::new(0) }; 4],
             count: [const { AtomicU32::new(0) }; 2],
+            passed_on: [const { AtomicU32::new(0) }; 5],
         }
+    }
+
+    /// Keeps what the application is to know, which the bootloader starts next.
+    pub fn pass_on(&self, passed_on: &PassedOn) {
+        let PassedOn {
+            start: Start { reset, handover },
+            bootloader_version,
+        } = passed_on;
+        let (session, flags) = match handover {
+            None => (0, 0),
+            Some(handover) if handover.stay_in_bootloader => {
+                (handover.session, HAS_HANDOVER | STAY)
+            }
+            Some(handover) => (handover.session, HAS_HANDOVER),
+        };
+        let first = reset.cause as u32 | flags | u32::from(*bootloader_version) << VERSION_SHIFT;
+        let session = u32::from(session);
+        let (detail, place) = (reset.detail, reset.place);
+        let sum = checksum(first, detail, place) ^ session;
+        let words = [first, detail, place, session, sum];
+        for (word, value) in self.passed_on.iter().zip(words) {
+            word.store(value, Ordering::Relaxed);
+        }
+    }
+
+    /// What the bootloader has passed on, once; none if no bootloader has started this program.
+    pub fn take_passed_on(&self) -> Option<PassedOn> {
+        let [first, detail, place, session, sum] = [0, 1, 2, 3, 4].map(|at: usize| {
+            self.passed_on
+                .get(at)
+                .map_or(0, |word| word.swap(0, Ordering::Relaxed))
+        });
+        if sum != checksum(first, detail, place) ^ session {
+            return None;
+        }
+        Some(PassedOn {
+            start: Start {
+                reset: Reset {
+                    cause: ResetCause::from_code(first as u8)?,
+                    detail,
+                    place,
+                    count: self.count().unwrap_or(0),
+                },
+                handover: (first & HAS_HANDOVER != 0).then_some(Handover {
+                    session: session as u16,
+                    stay_in_bootloader: first & STAY != 0,
+                }),
+            },
+            bootloader_version: (first >> VERSION_SHIFT) as u16,
+        })
     }
 
     /// Keeps a cause.
@@ -314,6 +380,44 @@ mod tests {
         // A watchdog between the order and the restart voids the session.
         record.set(Cause::Requested(handover));
         assert_eq!(record.start(ResetCause::Watchdog).handover, None);
+    }
+
+    #[test]
+    fn what_the_bootloader_passes_on_is_read_once_and_whole() {
+        let record = Record::new();
+        assert_eq!(record.take_passed_on(), None);
+        record.start(ResetCause::PowerOn);
+        let crashed = Reset {
+            cause: ResetCause::Panic,
+            detail: 7,
+            place: 0xFFFF_FFFF,
+            count: 0,
+        };
+        for handover in [
+            None,
+            Some(Handover {
+                session: 0xFFFF,
+                stay_in_bootloader: false,
+            }),
+            Some(Handover {
+                session: 1,
+                stay_in_bootloader: true,
+            }),
+        ] {
+            let passed_on = PassedOn {
+                start: Start {
+                    reset: crashed,
+                    handover,
+                },
+                bootloader_version: 0xFF09,
+            };
+            record.pass_on(&passed_on);
+            assert_eq!(record.take_passed_on(), Some(passed_on));
+            assert_eq!(record.take_passed_on(), None);
+            record.pass_on(&passed_on);
+            record.passed_on[3].fetch_xor(1, Ordering::Relaxed);
+            assert_eq!(record.take_passed_on(), None);
+        }
     }
 
     #[test]

@@ -3,10 +3,9 @@
 use windlass_core::engine::Settings;
 use windlass_core::engine::command::Command;
 use windlass_core::engine::snapshot::{Faults, Snapshot};
-use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag};
 use windlass_core::params::Stored;
-use windlass_core::params::journal::Saved;
+use windlass_core::params::journal::{SaveError, Saved};
 use windlass_core::time::Instant;
 
 use crate::control::Crossing;
@@ -56,20 +55,10 @@ impl Thread {
         loop {
             if let Some(handover) = self.pass(board, crossing) {
                 board.log(Event::Restart(handover));
-                board.kept().restart(handover);
-                self.restart(board, crossing);
+                board.restart(handover);
             }
             board.idle();
         }
-    }
-
-    /// Starts the node anew, bridge off. Never inlined: a whole node on the stack is large.
-    #[inline(never)]
-    fn restart<B: Board>(&mut self, board: &mut B, crossing: &Crossing) {
-        crossing.restart();
-        let now = board.now();
-        let kept = board.kept();
-        *self = Self::new(now, &kept.node_config(), kept.stored.as_ref());
     }
 
     /// One pass through everything that is to be done now. Gives the handover if the node is to be
@@ -144,6 +133,9 @@ impl Thread {
             self.node.press_button(now);
         }
         board.show(self.node.leds(now, &self.snapshot));
+        if self.node.may_erase(now) {
+            board.kept().erase_ahead();
+        }
         board.feed_watchdog();
     }
 
@@ -152,18 +144,21 @@ impl Thread {
     fn act<B: Board>(&mut self, board: &mut B) -> Option<Handover> {
         match self.node.take_action()? {
             Action::Save => {
-                let stored = self.node.stored();
-                let saved = Saved {
-                    sequence: stored.sequence,
-                    written: true,
-                };
-                board.kept().stored = Some(stored);
-                self.node.save_ended(board.now(), Ok(saved));
-                board.log(Event::Saved);
+                let now = board.now();
+                let may_erase = self.node.may_erase(now);
+                let result = board.kept().save(&self.node.stored(), may_erase);
+                self.node.save_ended(board.now(), result);
+                match result {
+                    Ok(Saved { written: true, .. }) => board.log(Event::Saved),
+                    Ok(_) | Err(SaveError::EraseDue) => {}
+                    Err(error) => board.log(Event::NotSaved(error)),
+                }
                 None
             }
-            // No slots yet: the image was not started by a bootloader.
-            Action::Confirm => None,
+            Action::Confirm => {
+                board.kept().confirm();
+                None
+            }
             Action::PinTest(test) => {
                 let failed = board.test_pins(test);
                 self.node.pin_test_done(failed);
@@ -185,12 +180,8 @@ impl Thread {
     }
 
     /// Hands command and settings to the tick when they have changed. The settings go first: a command
-    /// never meets settings older than itself. In the bootloader image the engine gets neither, and the
-    /// bridge stays off.
+    /// never meets settings older than itself.
     fn publish(&mut self, crossing: &Crossing) {
-        if self.node.image() != ImageType::Application {
-            return;
-        }
         if self.settings.as_ref() != Some(self.node.settings()) {
             self.settings = Some(*self.node.settings());
             crossing.settings.put(self.settings);

@@ -5,7 +5,7 @@ use crate::error::Error;
 /// The board that is built unless another one is asked for.
 pub(crate) const DEFAULT: &str = "f405-devkit";
 
-/// Memory map of the default board and of those with its chip.
+/// Memory map of the default board.
 const DEFAULT_MAP: &str = "memory.x";
 
 /// The board that runs in QEMU.
@@ -58,7 +58,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         name: "qemu",
         about: "STM32F405 in QEMU's netduinoplus2, with the plant in the image",
         budgeted: false,
-        map: DEFAULT_MAP,
+        map: "firmware/memory/qemu.x",
         handlers: &[&["PendSV"], &["USART1", "USART2"], &["SysTick"]],
         probe_chip: None,
     },

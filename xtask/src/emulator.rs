@@ -4,9 +4,11 @@ use std::env;
 use std::path::Path;
 use std::process::Command;
 
-use crate::board;
+use crate::board::{self, Board};
 use crate::error::Error;
-use crate::firmware::{APPLICATION, build, checked};
+use crate::firmware::{APPLICATION, BOOTLOADER, build, checked};
+use crate::image::Image;
+use crate::pack::Files;
 use crate::toolchain::{Toolchain, in_path};
 
 /// The emulator's program.
@@ -40,14 +42,23 @@ pub(crate) fn qemu(elf: &Path) -> Command {
 pub(crate) fn test(names: &[String]) -> Result<(), Error> {
     require()?;
     let toolchain = Toolchain::find()?;
-    let elf = build(&toolchain, &board::find("qemu")?, APPLICATION)?;
-    test_image(&elf, names, None)
+    let board = board::find(board::EMULATED)?;
+    let elf = build(&toolchain, &board, APPLICATION)?;
+    test_image(&toolchain, &board, &elf, names, None)
 }
 
-/// Runs the Python tests against an image. Each test appends the high-water mark of the stack to the file
-/// `stack`, if there is one.
-pub(crate) fn test_image(elf: &Path, names: &[String], stack: Option<&Path>) -> Result<(), Error> {
+/// Runs the Python tests against an application and the bootloader, which is built. Each test appends the high-water
+/// mark of the stack to the file `stack`, if there is one.
+pub(crate) fn test_image(
+    toolchain: &Toolchain,
+    board: &Board,
+    elf: &Path,
+    names: &[String],
+    stack: Option<&Path>,
+) -> Result<(), Error> {
     require()?;
+    let bootloader = build(toolchain, board, BOOTLOADER)?;
+    let files = Files::write(elf, &Image::read(elf)?, &Image::read(&bootloader)?, board)?;
     let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let mut modules = Command::new(&python);
     modules.args(["-c", "import can, serial"]);
@@ -60,6 +71,9 @@ pub(crate) fn test_image(elf: &Path, names: &[String], stack: Option<&Path>) -> 
     tests
         .current_dir(crate::root().join("firmware/emulation"))
         .env("WINDLASS_IMAGE", elf)
+        .env("WINDLASS_BOOTLOADER", bootloader)
+        .env("WINDLASS_SLOT", files.slot)
+        .env("WINDLASS_BINARY", files.binary)
         .env("WINDLASS_XTASK", env::current_exe().unwrap_or_default())
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
@@ -67,7 +81,7 @@ pub(crate) fn test_image(elf: &Path, names: &[String], stack: Option<&Path>) -> 
         tests.env("WINDLASS_STACK", stack);
     }
     if names.is_empty() {
-        tests.arg("test_firmware");
+        tests.args(["test_firmware", "test_bootloader"]);
     } else {
         tests.args(names);
     }

@@ -1,4 +1,4 @@
-//! `cargo xtask firmware`: builds the image of one board.
+//! `cargo xtask firmware`: builds application and bootloader of one board.
 
 use std::env;
 use std::path::PathBuf;
@@ -7,11 +7,14 @@ use std::process::Command;
 use crate::board::{self, Board};
 use crate::calls::CallGraph;
 use crate::error::Error;
-use crate::image::{self, Image};
+use crate::image::{self, Image, Part};
+use crate::pack::Files;
 use crate::toolchain::{TARGET, Toolchain, in_path};
 
 /// The application's program.
 pub(crate) const APPLICATION: &str = "windlass-app";
+/// The bootloader's program.
+pub(crate) const BOOTLOADER: &str = "windlass-boot";
 
 /// Log of the application unless the environment says otherwise: its level, and the bytes of RAM in which frames
 /// wait for the debug probe (the crate's own default is twice that).
@@ -20,15 +23,19 @@ const LOG_DEFAULTS: [(&str, &str); 2] = [("DEFMT_LOG", "info"), ("DEFMT_RTT_BUFF
 /// Writes images into chips.
 const PROBE: &str = "probe-rs";
 
-/// Builds for the board with this name, reports and gives the image's file.
-pub(crate) fn run(name: &str) -> Result<PathBuf, Error> {
+/// Builds for the board with this name, reports and gives the files.
+pub(crate) fn run(name: &str) -> Result<Files, Error> {
     let board = board::find(name)?;
     let toolchain = Toolchain::find()?;
     println!("board      {} ({})", board.name, board.about);
     println!("toolchain  {toolchain}");
+    let bootloader = Image::read(&build(&toolchain, &board, BOOTLOADER)?)?;
+    println!("\nBOOTLOADER (it links only if it cannot panic)");
+    image::report(&bootloader, &board, Part::Bootloader)?;
     let elf = build(&toolchain, &board, APPLICATION)?;
     let image = Image::read(&elf)?;
-    image::report(&image, &board)?;
+    println!("\nAPPLICATION");
+    image::report(&image, &board, Part::Application)?;
     let panicking = CallGraph::read(&elf)?.callers("core::panicking");
     println!(
         "panics  called from {} functions of this image",
@@ -37,17 +44,26 @@ pub(crate) fn run(name: &str) -> Result<PathBuf, Error> {
     for function in panicking {
         println!("        {function}");
     }
-    let (binary, hex) = image.write_beside(&elf)?;
-    println!("\nelf  {}", elf.display());
-    println!("bin  {} (application slot alone)", binary.display());
-    println!("hex  {}", hex.display());
+    let files = Files::write(&elf, &image, &bootloader, &board)?;
+    println!("\nelf    {} (for debuggers)", elf.display());
+    println!("       {}", bootloader.path().display());
+    println!("bin    {} (application, sealed)", files.binary.display());
+    println!(
+        "hex    {} (application, sealed: for `windlass flash`)",
+        files.hex.display()
+    );
+    println!(
+        "hex    {} (bootloader and application, for the first flashing)",
+        files.whole.display()
+    );
     if board.probe_chip.is_some() {
-        println!("\nto flash it: cargo xtask flash --board {}", board.name);
+        println!("\nto flash both: cargo xtask flash --board {}", board.name);
     }
-    Ok(elf)
+    Ok(files)
 }
 
-/// Builds for the board with this name, writes the image into its chip with probe-rs and starts it.
+/// Builds for the board with this name, writes bootloader and application into its chip with probe-rs and starts
+/// it.
 pub(crate) fn flash(name: &str) -> Result<(), Error> {
     let board = board::find(name)?;
     let Some(chip) = board.probe_chip else {
@@ -59,10 +75,12 @@ pub(crate) fn flash(name: &str) -> Result<(), Error> {
             hint: "cargo install probe-rs-tools --locked",
         });
     }
-    let elf = run(name)?;
+    let files = run(name)?;
     let hint = "is the probe connected and the board powered?";
     let mut download = Command::new(PROBE);
-    download.args(["download", "--chip", chip]).arg(elf);
+    download
+        .args(["download", "--chip", chip, "--binary-format", "hex"])
+        .arg(files.whole);
     checked(PROBE, &mut download, hint)?;
     let mut reset = Command::new(PROBE);
     reset.args(["reset", "--chip", chip]);
@@ -75,16 +93,29 @@ pub(crate) fn build(toolchain: &Toolchain, board: &Board, program: &str) -> Resu
     let mut command = toolchain.cargo("build", &folder);
     select(&mut command, board, program);
     checked("cargo", &mut command, "is the toolchain complete?")?;
-    Ok(folder.join(TARGET).join("firmware").join(program))
+    Ok(folder.join(TARGET).join(profile(program)).join(program))
+}
+
+/// Profile that a program is built with.
+pub(crate) fn profile(program: &str) -> &'static str {
+    if program == BOOTLOADER {
+        "bootloader"
+    } else {
+        "firmware"
+    }
 }
 
 /// Tells cargo which program to build, for which board; the application with its log.
 pub(crate) fn select(command: &mut Command, board: &Board, program: &str) {
     command
-        .args(["--package", "windlass-firmware", "--profile", "firmware"])
+        .args(["--package", "windlass-firmware"])
+        .args(["--profile", profile(program)])
         .args(["--bin", program])
         .arg("--features")
         .arg(format!("board-{}", board.name));
+    if program == BOOTLOADER {
+        command.args(["--features", "bootloader"]);
+    }
     if program == APPLICATION {
         command.args(["--features", "log"]);
         for (variable, value) in LOG_DEFAULTS {

@@ -11,10 +11,35 @@ use crate::error::Error;
 
 /// Flash starts here on every STM32.
 const FLASH_START: u64 = 0x0800_0000;
-/// Budgets of a real board's application: flash and static RAM in bytes.
-// The goal is 40 KiB; the second dialect took 8 KiB, and what of it can be won back is open (docs/firmware.md).
-const FLASH_BUDGET: u64 = 48 * 1024;
-const RAM_BUDGET: u64 = 8 * 1024;
+
+/// What an image is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// In the region BOOT.
+    Bootloader,
+    /// In the region FLASH.
+    Application,
+}
+
+impl Part {
+    /// Name of its region.
+    const fn region(self) -> &'static str {
+        match self {
+            Self::Bootloader => "BOOT",
+            Self::Application => "FLASH",
+        }
+    }
+
+    /// Budgets of a real board: flash and static RAM in bytes.
+    const fn budget(self) -> (u64, u64) {
+        match self {
+            Self::Bootloader => (8 * 1024, 6 * 1024),
+            // The goal is 40 KiB; the second dialect took 8 KiB, the settings journal and the slots 8 KiB, and what of
+            // it can be won back is open (docs/firmware.md).
+            Self::Application => (54 * 1024, 8 * 1024),
+        }
+    }
+}
 
 /// A section that takes up memory.
 #[derive(Clone, Debug)]
@@ -121,63 +146,15 @@ impl Image {
         self.sum(|section| section.address >= 0x2000_0000)
     }
 
-    /// Writes the application slot as `.bin` and everything as `.hex`, beside the linked file.
-    pub(crate) fn write_beside(&self, elf: &Path) -> Result<(PathBuf, PathBuf), Error> {
-        let vectors = self.symbol("__vector_table")? as u32;
-        let (binary, hex) = (elf.with_extension("bin"), elf.with_extension("hex"));
-        write(&binary, &self.slot(vectors))?;
-        write(&hex, self.intel_hex()?.as_bytes())?;
-        Ok((binary, hex))
+    /// Where it stands.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
-    /// The bytes from the vector table on; gaps read like erased flash.
-    fn slot(&self, start: u32) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        for (address, contents) in &self.segments {
-            if let Some(offset) = address.checked_sub(start) {
-                bytes.resize(offset as usize, 0xFF);
-                bytes.extend_from_slice(contents);
-            }
-        }
-        bytes
+    /// What stands in flash, by load address.
+    pub(crate) fn segments(&self) -> &[(u32, Vec<u8>)] {
+        &self.segments
     }
-
-    fn intel_hex(&self) -> Result<String, Error> {
-        let mut records = Vec::new();
-        for (address, contents) in &self.segments {
-            let mut upper = None;
-            // Sixteen bytes to a record; a record never crosses a 64 K boundary, because segments start
-            // at multiples of four and are cut at multiples of sixteen.
-            let mut at = *address;
-            let mut rest = contents.as_slice();
-            while !rest.is_empty() {
-                let length = (16 - (at % 16) as usize).min(rest.len());
-                let (head, tail) = rest.split_at(length);
-                if upper != Some(at >> 16) {
-                    upper = Some(at >> 16);
-                    records.push(ihex::Record::ExtendedLinearAddress((at >> 16) as u16));
-                }
-                records.push(ihex::Record::Data {
-                    offset: at as u16,
-                    value: head.to_vec(),
-                });
-                at += length as u32;
-                rest = tail;
-            }
-        }
-        records.push(ihex::Record::EndOfFile);
-        ihex::create_object_file_representation(&records).map_err(|error| Error::Image {
-            path: self.path.clone(),
-            what: error.to_string(),
-        })
-    }
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    fs::write(path, bytes).map_err(|cause| Error::File {
-        path: path.to_owned(),
-        cause,
-    })
 }
 
 /// Start and length of a region in the text of a memory map.
@@ -201,21 +178,22 @@ fn region(map: &str, name: &str) -> Option<(u64, u64)> {
     Some((value("ORIGIN")?, value("LENGTH")?))
 }
 
-/// The application's slot of a board: start and length.
-fn slot(board: &Board) -> Result<(u64, u64), Error> {
+/// A region of a board: start and length.
+pub(crate) fn region_of(board: &Board, name: &'static str) -> Result<(u64, u64), Error> {
     let path = crate::root().join(board.map);
     let map = fs::read_to_string(&path).map_err(|cause| Error::File {
         path: path.clone(),
         cause,
     })?;
-    region(&map, "FLASH").ok_or_else(|| Error::Image {
+    region(&map, name).ok_or_else(|| Error::Image {
         path,
-        what: "it names no region FLASH with ORIGIN and LENGTH".to_owned(),
+        what: format!("it names no region {name} with ORIGIN and LENGTH"),
     })
 }
 
-/// Prints sections and totals next to the budgets; an image beyond its budget is an error.
-pub(crate) fn report(image: &Image, board: &Board) -> Result<(), Error> {
+/// Prints sections and totals next to region and budgets. An image beyond its region is an error, and so is an
+/// application beyond its budget; the bootloader's is a goal that it misses (docs/firmware.md).
+pub(crate) fn report(image: &Image, board: &Board, part: Part) -> Result<(), Error> {
     println!("\nsection            address       bytes");
     for section in &image.sections {
         println!(
@@ -230,25 +208,35 @@ pub(crate) fn report(image: &Image, board: &Board) -> Result<(), Error> {
             },
         );
     }
-    let (start, length) = slot(board)?;
+    let (start, length) = region_of(board, part.region())?;
+    let (flash_budget, ram_budget) = part.budget();
     let vectors = image.symbol("__vector_table")?;
     if vectors != start {
         return Err(Error::Image {
             path: image.path.clone(),
-            what: format!("its vectors stand at {vectors:#x}, the slot of the map at {start:#x}"),
+            what: format!("its vectors stand at {vectors:#x}, the region of the map at {start:#x}"),
         });
     }
     let (flash, ram) = (image.flash(), image.ram());
     let stack = image.symbol("_stack_start")? - image.symbol("_stack_end")?;
-    println!("flash   {flash:>6} of {FLASH_BUDGET} bytes budgeted, {length} in the slot");
-    println!("RAM     {ram:>6} of {RAM_BUDGET} bytes budgeted, static");
+    println!("flash   {flash:>6} of {flash_budget} bytes budgeted, {length} in the region");
+    println!("RAM     {ram:>6} of {ram_budget} bytes budgeted, static");
     println!("stack   {stack:>6} bytes reserved");
+    if flash > length {
+        return Err(Error::TooLarge {
+            what: format!("{flash} of {length} bytes of {}", part.region()),
+        });
+    }
     if !board.budgeted {
-        println!("(the budgets are those of real boards; this image carries the plant as well)");
-    } else if flash > FLASH_BUDGET || ram > RAM_BUDGET {
+        println!("(the budgets are those of real boards)");
+    } else if part == Part::Bootloader {
+        if flash > flash_budget {
+            println!("(beyond the goal by {} bytes)", flash - flash_budget);
+        }
+    } else if flash > flash_budget || ram > ram_budget {
         return Err(Error::TooLarge {
             what: format!(
-                "flash {flash} of {FLASH_BUDGET} bytes, static RAM {ram} of {RAM_BUDGET} bytes"
+                "flash {flash} of {flash_budget} bytes, static RAM {ram} of {ram_budget} bytes"
             ),
         });
     }
@@ -263,10 +251,13 @@ mod tests {
     #[test]
     fn every_board_s_map_tells_its_slot() {
         for board in BOARDS {
-            let (start, length) = slot(&board).expect("a slot");
+            let (start, length) = region_of(&board, "FLASH").expect("a slot");
             // Whole pages of the update protocol, and an aligned vector table.
             assert_eq!((start % 512, length % 4096), (0, 0), "{}", board.name);
             assert!(start > FLASH_START, "{}", board.name);
+            let (trailer, _) = region_of(&board, "TRAILER").expect("a trailer");
+            assert_eq!(trailer, start + length, "{}", board.name);
+            assert!(region_of(&board, "BOOT").is_ok(), "{}", board.name);
         }
     }
 

@@ -8,6 +8,7 @@ mod firmware;
 mod image;
 mod log;
 mod measure;
+mod pack;
 mod panics;
 mod stack;
 mod toolchain;
@@ -27,13 +28,13 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Builds the firmware of one board and shows what it takes up
+    /// Builds bootloader and application of one board and shows what they take up
     Firmware {
         /// Board to build for
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
     },
-    /// Builds the firmware of one board and flashes it with probe-rs
+    /// Builds bootloader and application of one board and flashes both with probe-rs
     Flash {
         /// Board to build for
         #[arg(long, default_value = board::DEFAULT)]

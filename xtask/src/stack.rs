@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::board;
+use crate::board::{self, Board};
 use crate::calls::{CallGraph, Depth};
 use crate::emulator;
 use crate::error::Error;
@@ -48,7 +48,10 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
     }
     println!("static worst case {total} bytes (with {EXCEPTION_FRAME} pushed for each interrupt)");
     if board.name == board::EMULATED {
-        println!("high-water mark   {} bytes", high_water(&folder, &elf)?);
+        println!(
+            "high-water mark   {} bytes",
+            high_water(&toolchain, &board, &folder, &elf)?
+        );
     } else {
         println!("high-water mark   not known: this board is not emulated");
     }
@@ -62,14 +65,25 @@ pub(crate) fn run(name: &str) -> Result<(), Error> {
 }
 
 /// The most that the emulator's tests have needed.
-fn high_water(folder: &Path, elf: &Path) -> Result<u64, Error> {
+fn high_water(
+    toolchain: &Toolchain,
+    board: &Board,
+    folder: &Path,
+    elf: &Path,
+) -> Result<u64, Error> {
     let seen = folder.join("high-water.txt");
     let failed = |cause| Error::File {
         path: seen.clone(),
         cause,
     };
     fs::write(&seen, "").map_err(failed)?;
-    emulator::test_image(elf, &TESTS.map(str::to_owned), Some(&seen))?;
+    emulator::test_image(
+        toolchain,
+        board,
+        elf,
+        &TESTS.map(str::to_owned),
+        Some(&seen),
+    )?;
     let text = fs::read_to_string(&seen).map_err(failed)?;
     Ok(text
         .lines()

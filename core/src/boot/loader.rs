@@ -6,8 +6,11 @@
 //! calls after each frame: flash stops the processor for up to two seconds, and only the platform knows
 //! what has to be fed before.
 
+use core::borrow::BorrowMut;
+
 use embedded_storage::nor_flash::NorFlash;
 
+use super::image::{PAGE_SIZE, Page};
 use super::slots::{Booted, Slots, boot};
 use super::status::Reason;
 use super::trust::{KEY_LENGTH, SIGNED_KEY_LENGTH, Trust};
@@ -147,10 +150,10 @@ enum Work {
 
 /// The bootloader on the bus.
 #[derive(Clone, Debug)]
-pub struct Loader {
+pub struct Loader<P = Page> {
     config: LoaderConfig,
     management: Management<1>,
-    updater: Updater,
+    updater: Updater<P>,
     trust: Trust,
     number: u8,
     style: Style,
@@ -169,10 +172,22 @@ impl Loader {
         config: &LoaderConfig,
         memory: &mut Memory<'_, A, F, J>,
     ) -> Self {
+        Self::with_page(config, memory, [0; PAGE_SIZE])
+    }
+}
+
+impl<P: BorrowMut<Page>> Loader<P> {
+    /// A bootloader that stays, with a page buffer of its owner's.
+    #[must_use]
+    pub fn with_page<A: NorFlash, F: NorFlash, J: NorFlash>(
+        config: &LoaderConfig,
+        memory: &mut Memory<'_, A, F, J>,
+        page: P,
+    ) -> Self {
         let mut loader = Self {
             config: *config,
             management: Management::new(ImageType::Bootloader),
-            updater: Updater::new(memory.slots),
+            updater: Updater::new(memory.slots, page),
             trust: memory.trust(config.product_id, config.hardware),
             number: memory.number(),
             style: memory.led_style(),

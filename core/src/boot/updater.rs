@@ -10,6 +10,8 @@
 //! arrives would need erased flash in advance, could not take back a damaged page on a chip with one erase
 //! unit per slot, and would gain 16 ms of 85 per page.
 
+use core::borrow::BorrowMut;
+
 use embedded_storage::nor_flash::NorFlash;
 
 use super::image::{
@@ -44,10 +46,11 @@ const fn variants() -> u32 {
     crc.finish()
 }
 
-/// The updater with its page buffer.
+/// The updater with its page buffer: the page itself, or a reference to one where it must not be copied on its way
+/// to its place.
 #[derive(Clone, Debug)]
-pub struct Updater {
-    page: Page,
+pub struct Updater<P = Page> {
+    page: P,
     crc: [u8; 4],
     view: View,
     /// Pages of the image whose header is stored; 0 without one.
@@ -56,11 +59,25 @@ pub struct Updater {
 }
 
 impl Updater {
+    /// Checks a command before its data come.
+    ///
+    /// # Errors
+    /// `BadParameter`: the image type is not the application's, or there is no such page (guide). Neither
+    /// the bootloader nor an auxiliary bootloader can be written by the bootloader that runs.
+    pub const fn expect(image: u16, page: u16) -> Result<u8, CommandCode> {
+        if image != APPLICATION || page >= PAGE_COUNT as u16 {
+            return Err(CommandCode::BadParameter);
+        }
+        Ok(page as u8)
+    }
+}
+
+impl<P: BorrowMut<Page>> Updater<P> {
     /// Looks at what is in the slots.
     #[must_use]
-    pub fn new<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>) -> Self {
+    pub fn new<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>, page: P) -> Self {
         let mut updater = Self {
-            page: [0; PAGE_SIZE],
+            page,
             crc: [0; 4],
             view: slots.view(),
             wanted: 0,
@@ -86,21 +103,14 @@ impl Updater {
         self.version
     }
 
-    /// Checks a command before its data come.
-    ///
-    /// # Errors
-    /// `BadParameter`: the image type is not the application's, or there is no such page (guide). Neither
-    /// the bootloader nor an auxiliary bootloader can be written by the bootloader that runs.
-    pub const fn expect(image: u16, page: u16) -> Result<u8, CommandCode> {
-        if image != APPLICATION || page >= PAGE_COUNT as u16 {
-            return Err(CommandCode::BadParameter);
-        }
-        Ok(page as u8)
-    }
-
     /// Takes data of a transfer; what is beyond its end is dropped.
     pub fn take(&mut self, offset: usize, bytes: &[u8]) {
-        let places = self.page.iter_mut().chain(&mut self.crc).skip(offset);
+        let places = self
+            .page
+            .borrow_mut()
+            .iter_mut()
+            .chain(&mut self.crc)
+            .skip(offset);
         for (place, byte) in places.zip(bytes) {
             *place = *byte;
         }
@@ -108,8 +118,8 @@ impl Updater {
 
     /// The data that were taken.
     #[must_use]
-    pub const fn data(&self) -> &Page {
-        &self.page
+    pub fn data(&self) -> &Page {
+        self.page.borrow()
     }
 
     /// A page has arrived whole: checks it, stores it, and commits the image if it was the last one
@@ -133,7 +143,7 @@ impl Updater {
         page: u8,
     ) -> Result<(), CommandCode> {
         let received = u32::from_le_bytes(self.crc);
-        let crc = crc::page_transfer(&self.page);
+        let crc = crc::page_transfer(self.page.borrow());
         if received != crc && received != crc ^ VARIANTS {
             return Err(CommandCode::CrcMismatch);
         }
@@ -152,7 +162,7 @@ impl Updater {
         slots: &mut Slots<A, F>,
         trust: &Trust,
     ) -> Result<(), CommandCode> {
-        let header = self.page.get(HEADER_OFFSET..).unwrap_or(&[]);
+        let header = self.data().get(HEADER_OFFSET..).unwrap_or(&[]);
         let header = Header::parse(header).map_err(|_| CommandCode::NoImage)?;
         trust.admits(&header, slots.application.room())?;
         self.void(slots);
@@ -198,7 +208,7 @@ impl Updater {
         }
         if self.view.application.stored & 1 << page != 0 {
             // A repetition, because its status was lost.
-            return if slots.application.page_is(page, &self.page) {
+            return if slots.application.page_is(page, self.page.borrow()) {
                 Ok(())
             } else {
                 Err(CommandCode::PageOrder)
@@ -227,8 +237,8 @@ impl Updater {
     ) -> Result<(), CommandCode> {
         let slot = &mut slots.application;
         let programmed = slot.erase_page(page).is_ok()
-            && slot.program(page, 0, &self.page).is_ok()
-            && slot.page_is(page, &self.page);
+            && slot.program(page, 0, self.page.borrow()).is_ok()
+            && slot.page_is(page, self.page.borrow());
         if programmed {
             Ok(())
         } else {

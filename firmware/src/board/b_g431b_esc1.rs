@@ -105,6 +105,7 @@ const BOARD: Description = Description {
 static ENCODER: Encoder = Encoder::new(TIM4);
 
 /// The control tick: sample, engine, bridge.
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
     static mut TICK: Tick = Tick::new();
@@ -114,12 +115,14 @@ fn TIM7() {
     SHUNTS.applied(TICK.run(&BOARD.bridge, &sample));
 }
 
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM4() {
     ENCODER.captured();
 }
 
 /// Everything the board measures. There is no RC-PWM input and no fault line of the gate drivers.
+#[cfg(not(feature = "bootloader"))]
 fn sample(tick: &mut Tick, shunts: &mut Shunts) -> Sample {
     let [plus, minus, bus_voltage, temperature] = converter::conversions();
     let encoder = tick.position.follow(ENCODER.count());
@@ -149,6 +152,7 @@ fn sample(tick: &mut Tick, shunts: &mut Shunts) -> Sample {
 }
 
 /// Every switch of the bridge open, from anywhere.
+#[cfg(not(feature = "bootloader"))]
 pub fn bridge_off() {
     BOARD.bridge.off();
 }
@@ -164,15 +168,21 @@ fn start_amplifier(amplifier: Opamp) {
     amplifier.csr().modify(|control| control.set_opampen(true));
 }
 
+/// Switches the transceiver on.
+fn start_transceiver() {
+    CAN_SHUTDOWN.output();
+    CAN_TERMINATION.output();
+    CAN_TERMINATION.set(TERMINATED);
+}
+
 /// Starts the board and runs it.
+#[cfg(not(feature = "bootloader"))]
 pub fn run() -> ! {
     board::run(&BOARD, |nvic| {
         for pin in [FORWARD_LIMIT, REVERSE_LIMIT] {
             pin.input();
         }
-        CAN_SHUTDOWN.output();
-        CAN_TERMINATION.output();
-        CAN_TERMINATION.set(TERMINATED);
+        start_transceiver();
         let outputs = ANALOG.map(|(pin, _)| pin);
         for pin in outputs
             .into_iter()
@@ -190,4 +200,10 @@ pub fn run() -> ! {
         );
         ENCODER.start(nvic, ENCODER_PINS, 2, Interrupt::TIM4);
     })
+}
+
+/// Starts the application, or stays in the bootloader.
+#[cfg(feature = "bootloader")]
+pub fn boot() -> ! {
+    super::stm32_boot::boot(&BOARD, start_transceiver)
 }

@@ -68,6 +68,7 @@ const BOARD: Description = Description {
 static ENCODER: Encoder = Encoder::new(unsafe { TimGp16::from_ptr(TIM2.as_ptr()) });
 
 /// The control tick: sample, engine, bridge.
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
     static mut TICK: Tick = Tick::new();
@@ -76,12 +77,14 @@ fn TIM7() {
     TICK.run(&BOARD.bridge, &sample);
 }
 
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM2() {
     ENCODER.captured();
 }
 
 /// Everything the board measures. There is no RC-PWM input.
+#[cfg(not(feature = "bootloader"))]
 fn sample(tick: &mut Tick) -> Sample {
     let [current, bus_voltage, temperature, analog_in] = converter::conversions();
     let encoder = tick.position.follow(ENCODER.count());
@@ -111,11 +114,13 @@ fn sample(tick: &mut Tick) -> Sample {
 }
 
 /// Every switch of the bridge open, from anywhere.
+#[cfg(not(feature = "bootloader"))]
 pub fn bridge_off() {
     BOARD.bridge.off();
 }
 
 /// Starts the board and runs it.
+#[cfg(not(feature = "bootloader"))]
 pub fn run() -> ! {
     board::run(&BOARD, |nvic| {
         for pin in [FORWARD_LIMIT, REVERSE_LIMIT] {
@@ -127,4 +132,10 @@ pub fn run() -> ! {
         converter::start(ANALOG.map(|(_, channel)| channel));
         ENCODER.start(nvic, ENCODER_PINS, 1, Interrupt::TIM2);
     })
+}
+
+/// Starts the application, or stays in the bootloader.
+#[cfg(feature = "bootloader")]
+pub fn boot() -> ! {
+    super::stm32_boot::boot(&BOARD, || {})
 }

@@ -1,38 +1,41 @@
-//! Boards: one file each, chosen by feature. What STM32 boards share stands in `stm32`.
+//! Boards: one file each, chosen by feature. What STM32 boards share stands in `stm32`, and their bootloader in
+//! `stm32_boot`.
 
-#[cfg(feature = "board-b-g431b-esc1")]
-mod b_g431b_esc1;
-#[cfg(feature = "board-b-g431b-esc1")]
-pub use b_g431b_esc1::{bridge_off, run};
-#[cfg(feature = "board-f405-devkit")]
-mod f405_devkit;
-#[cfg(feature = "board-f405-devkit")]
-pub use f405_devkit::{bridge_off, run};
-#[cfg(feature = "board-nucleo-g474re")]
-mod nucleo_g474re;
-#[cfg(feature = "board-nucleo-g474re")]
-pub use nucleo_g474re::{bridge_off, run};
-#[cfg(feature = "board-qemu")]
-mod qemu;
-#[cfg(feature = "board-qemu")]
-pub use qemu::{bridge_off, micros, run};
-#[cfg(any(
-    feature = "board-b-g431b-esc1",
-    feature = "board-f405-devkit",
-    feature = "board-nucleo-g474re"
-))]
+/// Defines the modules of all boards. The bootloader uses of a board only what it needs to answer on the bus.
+macro_rules! boards {
+    ($($feature:literal $module:ident,)*) => {
+        $(
+            #[cfg(feature = $feature)]
+            #[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
+            mod $module;
+            #[cfg(all(feature = $feature, feature = "bootloader"))]
+            pub use $module::boot;
+            #[cfg(all(feature = $feature, not(feature = "bootloader")))]
+            pub use $module::{bridge_off, run};
+        )*
+        #[cfg(not(any($(feature = $feature),*)))]
+        compile_error!("no board chosen: build with `cargo xtask firmware --board NAME`");
+    };
+}
+
+boards! {
+    "board-b-g431b-esc1" b_g431b_esc1,
+    "board-f405-devkit" f405_devkit,
+    "board-nucleo-g474re" nucleo_g474re,
+    "board-qemu" qemu,
+}
+
+#[cfg(not(feature = "board-qemu"))]
+#[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
 mod stm32;
-#[cfg(any(
-    feature = "board-b-g431b-esc1",
-    feature = "board-f405-devkit",
-    feature = "board-nucleo-g474re"
-))]
+#[cfg(all(feature = "bootloader", not(feature = "board-qemu")))]
+mod stm32_boot;
+
+#[cfg(feature = "board-qemu")]
+pub use qemu::micros;
+#[cfg(not(feature = "board-qemu"))]
 pub use stm32::micros;
 
-#[cfg(not(any(
-    feature = "board-b-g431b-esc1",
-    feature = "board-f405-devkit",
-    feature = "board-nucleo-g474re",
-    feature = "board-qemu"
-)))]
-compile_error!("no board chosen: build with `cargo xtask firmware --board NAME`");
+/// The bridge is off: the bootloader leaves all its pins as inputs, as a reset does.
+#[cfg(feature = "bootloader")]
+pub const fn bridge_off() {}

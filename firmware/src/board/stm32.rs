@@ -9,6 +9,7 @@ use windlass_core::engine;
 use windlass_core::engine::snapshot::{Actuation, Sample};
 use windlass_core::led::{Colour, Leds};
 use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::node::Handover;
 use windlass_core::time::Instant;
 
 use crate::button::Button;
@@ -19,10 +20,14 @@ use crate::chip::stm32::{self as chip, Pin};
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
 use crate::count::{Position, Rises};
-use crate::fault::RECORD;
+use crate::fault::{self, RECORD};
+#[cfg(not(feature = "bootloader"))]
+use crate::info;
 use crate::kept::Kept;
 use crate::log;
+use crate::memory;
 use crate::port::{Board, Event};
+use crate::record::Cause;
 use crate::thread::Thread;
 
 pub(super) static CROSSING: Crossing = Crossing::new();
@@ -39,6 +44,37 @@ pub(super) struct Panel {
     pub(super) brake: Option<Pin>,
     /// Brake/coast button to ground.
     pub(super) button: Option<Pin>,
+}
+
+impl Panel {
+    /// Makes outputs and the input.
+    pub(super) fn start(self) {
+        for pin in self.status.into_iter().chain([self.brake]).flatten() {
+            pin.output();
+        }
+        if let Some(button) = self.button {
+            button.input();
+        }
+    }
+
+    /// Shows the LEDs.
+    pub(super) fn show(self, leds: Leds) {
+        let [first, ..] = leds.ring;
+        let (red, green, blue) = mixed(first);
+        match self.status {
+            [Some(only), None, None] => only.set(red || green || blue),
+            pins => {
+                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
+                    if let Some(pin) = pin {
+                        pin.set(on);
+                    }
+                }
+            }
+        }
+        if let Some(brake) = self.brake {
+            brake.set(leds.brake != Colour::Off);
+        }
+    }
 }
 
 /// What a board is made of.
@@ -95,17 +131,21 @@ impl Tick {
     }
 }
 
+type BoardKept = Kept<memory::Settings, memory::Application>;
+
 /// The board's part of thread mode.
 struct Controller {
     can: Can,
     clock: Clock,
-    kept: Kept,
+    kept: BoardKept,
     button: Button,
     panel: Panel,
 }
 
 impl Board for Controller {
     type Bus = Can;
+    type Settings = memory::Settings;
+    type Application = memory::Application;
 
     fn now(&mut self) -> Instant {
         self.clock.now(&CROSSING, chip::micros_of_tick)
@@ -115,26 +155,16 @@ impl Board for Controller {
         &mut self.can
     }
 
-    fn kept(&mut self) -> &mut Kept {
+    fn kept(&mut self) -> &mut BoardKept {
         &mut self.kept
     }
 
+    fn restart(&mut self, handover: Handover) -> ! {
+        fault::end(Cause::Requested(handover))
+    }
+
     fn show(&mut self, leds: Leds) {
-        let [first, ..] = leds.ring;
-        let (red, green, blue) = mixed(first);
-        match self.panel.status {
-            [Some(only), None, None] => only.set(red || green || blue),
-            pins => {
-                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
-                    if let Some(pin) = pin {
-                        pin.set(on);
-                    }
-                }
-            }
-        }
-        if let Some(brake) = self.panel.brake {
-            brake.set(leds.brake != Colour::Off);
-        }
+        self.panel.show(leds);
     }
 
     fn button_pressed(&mut self) -> bool {
@@ -179,6 +209,7 @@ pub fn micros() -> u64 {
     CROSSING.micros()
 }
 
+#[cfg(not(feature = "bootloader"))]
 /// Starts the hardware, the bridge before anything that can drive it, and runs thread mode. `start_sensors` starts
 /// converter, encoder and what else the board's sample is made of.
 pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVIC)) -> ! {
@@ -190,30 +221,31 @@ pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVI
 
 /// Starts the hardware and makes the node. A function of its own, so that thread mode does not keep the
 /// large stack frame that this takes.
+#[cfg(not(feature = "bootloader"))]
 #[inline(never)]
 fn build(
     description: &Description,
     start_sensors: impl FnOnce(&mut NVIC),
 ) -> (&'static mut Controller, &'static mut Thread) {
-    let cause = family::take_reset_cause(&RECORD);
+    let origin = info::origin(description.engine, chip::unique_number(), || {
+        family::take_reset_cause(&RECORD)
+    });
+    family::await_supply();
+    chip::start_watchdog();
     family::start_clocks(description.crystal_mhz);
     description.bridge.start();
     let panel = description.panel;
-    for pin in panel.status.into_iter().chain([panel.brake]).flatten() {
-        pin.output();
-    }
-    if let Some(button) = panel.button {
-        button.input();
-    }
+    panel.start();
     let board = BOARD.init_with(|| Controller {
         can: Can::default(),
         clock: Clock::default(),
-        kept: Kept::new(&RECORD, cause, description.engine, chip::unique_number()),
+        kept: Kept::new(origin, memory::settings(), memory::application()),
         button: Button::default(),
         panel,
     });
     let config = board.kept.node_config();
-    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
+    let stored = board.kept.load();
+    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, Some(&stored)));
     if let Some(mut core) = Peripherals::take() {
         let nvic = &mut core.NVIC;
         family::watch_supply(nvic);

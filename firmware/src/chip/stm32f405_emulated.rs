@@ -4,6 +4,8 @@
 //! QEMU starts them (168 MHz) and nothing waits for a ready flag. Section numbers are those of the
 //! reference manual RM0090 and of the ARMv7-M Architecture Reference Manual (DDI 0403E).
 
+pub mod flash;
+
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
@@ -35,6 +37,19 @@ pub fn start_tick(scb: &mut SCB, timer: &mut SYST) {
     timer.clear_current();
     timer.enable_interrupt();
     timer.enable_counter();
+}
+
+/// Lets SysTick count without interrupting: it has to be asked by [`tick_has_passed`] more often than it ends.
+pub fn start_clock(timer: &mut SYST) {
+    timer.set_clock_source(SystClkSource::Core);
+    timer.set_reload(RELOAD);
+    timer.clear_current();
+    timer.enable_counter();
+}
+
+/// True if SysTick has come to its end since it was asked last (B3.3.3, COUNTFLAG).
+pub fn tick_has_passed(timer: &mut SYST) -> bool {
+    timer.has_wrapped()
 }
 
 /// Processor cycles since the latest tick.

@@ -1,20 +1,25 @@
 use super::*;
-use crate::kept::Kept;
-use crate::record::Record;
-use std::boxed::Box;
+use crate::kept::{Kept, Origin};
+use crate::record::{PassedOn, Start};
 use std::collections::VecDeque;
 use std::vec::Vec;
+use windlass_core::boot::image::Hardware;
+use windlass_core::boot::slots::Slot;
 use windlass_core::dialect::dmc60c::wire::id::CONTROL_0;
 use windlass_core::engine::command::Setpoint;
-use windlass_core::engine::snapshot::Fault;
+use windlass_core::engine::snapshot::{Actuation, Fault};
 use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Transmission, TxOutcome};
-use windlass_core::reset::ResetCause;
+use windlass_core::reset::Reset;
 use windlass_core::time::Duration;
 
 use windlass_core::units::Duty;
+use windlass_sim::nor::{NorChip, Partition, Region, STM32F405};
+
+type Settings = Partition<4, 16_384>;
+type Application = Partition<4, 131_072>;
 
 /// A bus that a test fills and reads.
 #[derive(Default)]
@@ -42,13 +47,16 @@ impl Bus for FakeBus {
 struct FakeBoard {
     bus: FakeBus,
     now: Instant,
-    kept: Kept,
+    kept: Kept<Settings, Application>,
+    chip: NorChip,
     fed: u32,
     log: Vec<Event>,
 }
 
 impl Board for FakeBoard {
     type Bus = FakeBus;
+    type Settings = Settings;
+    type Application = Application;
 
     fn now(&mut self) -> Instant {
         self.now
@@ -58,8 +66,12 @@ impl Board for FakeBoard {
         &mut self.bus
     }
 
-    fn kept(&mut self) -> &mut Kept {
+    fn kept(&mut self) -> &mut Kept<Settings, Application> {
         &mut self.kept
+    }
+
+    fn restart(&mut self, handover: Handover) -> ! {
+        panic!("the tests restart by themselves: {handover:?}")
     }
 
     fn show(&mut self, _: Leds) {}
@@ -87,23 +99,46 @@ fn receive(board: &mut FakeBoard, frame: Frame) {
     board.bus.events.push_back(BusEvent::Received(frame));
 }
 
+fn origin(handover: Option<Handover>) -> Origin {
+    Origin {
+        passed_on: PassedOn {
+            start: Start {
+                reset: Reset::POWER_ON,
+                handover,
+            },
+            bootloader_version: 0x0201,
+        },
+        version: 0x0305,
+        board: windlass_core::engine::Board::REFERENCE,
+        seed: 1,
+    }
+}
+
+/// The board's flash as the application sees it.
+fn kept(chip: &NorChip, handover: Option<Handover>) -> Kept<Settings, Application> {
+    let settings = chip.partition(Region::Journal).expect("a journal");
+    let slot = chip.partition(Region::Application).expect("a slot");
+    Kept::new(origin(handover), settings, Slot::new(slot, &Hardware::F405))
+}
+
+/// The program starts on a board.
+fn boot(mut board: FakeBoard) -> (FakeBoard, Crossing, Thread) {
+    let stored = board.kept.load();
+    let config = board.kept.node_config();
+    let thread = Thread::new(board.now(), &config, Some(&stored));
+    (board, Crossing::new(), thread)
+}
+
 fn start() -> (FakeBoard, Crossing, Thread) {
-    let record: &'static Record = Box::leak(Box::new(Record::new()));
-    let mut board = FakeBoard {
+    let chip = NorChip::new(&STM32F405, 1);
+    boot(FakeBoard {
         bus: FakeBus::default(),
         now: Instant::ZERO,
-        kept: Kept::new(
-            record,
-            ResetCause::PowerOn,
-            windlass_core::engine::Board::REFERENCE,
-            1,
-        ),
+        kept: kept(&chip, None),
+        chip,
         fed: 0,
         log: Vec::new(),
-    };
-    let config = board.kept.node_config();
-    let thread = Thread::new(board.now(), &config, None);
-    (board, Crossing::new(), thread)
+    })
 }
 
 #[test]
@@ -197,7 +232,7 @@ fn frames_that_the_bus_has_lost_reach_the_node() {
 }
 
 #[test]
-fn a_saved_number_outlives_a_restart_that_was_asked_for() {
+fn a_saved_number_outlives_a_restart_and_the_session_goes_on() {
     let (mut board, crossing, mut thread) = start();
     receive(&mut board, Frame::standard(0, []));
     thread.pass(&mut board, &crossing);
@@ -209,21 +244,44 @@ fn a_saved_number_outlives_a_restart_that_was_asked_for() {
         Frame::extended(0x0206_FC00, [low, high, 1, 0, 9, 0, 0, 0]),
     );
     thread.pass(&mut board, &crossing);
-    assert_eq!(
-        board.kept.stored.as_ref().map(|stored| stored.number),
-        Some(9)
-    );
+    assert_eq!(board.kept.load().number, 9);
     receive(
         &mut board,
         Frame::extended(0x0206_FC09, [low, high, 0xF1, 0, 0, 0, 0, 0]),
     );
     let handover = thread.pass(&mut board, &crossing).expect("a restart");
     assert_eq!(handover.session, session);
-    board.kept.restart(handover);
-    assert_eq!(board.kept.reset().cause, ResetCause::Requested);
-    thread.restart(&mut board, &crossing);
+    board.kept = kept(&board.chip, Some(handover));
+    let (_, _, thread) = boot(board);
     assert_eq!(
         (thread.node().number(), thread.node().session()),
         (9, Some(session))
     );
+}
+
+#[test]
+fn while_the_motor_may_move_nothing_is_erased() {
+    let (mut board, crossing, mut thread) = start();
+    receive(&mut board, Frame::standard(0, []));
+    // A snapshot of a bridge that drives, and a second in which it goes on.
+    let driving = Snapshot {
+        actuation: Actuation::Drive(Duty::new(1000)),
+        ..Snapshot::default()
+    };
+    let erases = |board: &FakeBoard| board.chip.erases(Region::Journal).iter().sum::<u32>();
+    for _ in 0..3_000 {
+        crossing.snapshot.put(Some(driving));
+        crossing.skip();
+        board.now = board.now + Duration::from_micros(500);
+        thread.pass(&mut board, &crossing);
+    }
+    assert_eq!(erases(&board), 0);
+    // Off for a second: the journal's next unit is erased in advance.
+    for _ in 0..3_000 {
+        crossing.snapshot.put(Some(Snapshot::default()));
+        crossing.skip();
+        board.now = board.now + Duration::from_micros(500);
+        thread.pass(&mut board, &crossing);
+    }
+    assert_eq!(erases(&board), 1);
 }

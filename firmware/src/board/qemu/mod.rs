@@ -4,12 +4,21 @@
 //! Interrupts, from the top: SysTick runs the engine, USART1 and USART2 move bytes, PendSV moves the
 //! plant on by one tick. Thread mode does everything else. USART2 takes the pokes of the plant.
 
+#[cfg(feature = "bootloader")]
+mod boot;
 mod bus;
+#[cfg(not(feature = "bootloader"))]
+mod console;
 #[cfg(feature = "log")]
 mod log;
+#[cfg(not(feature = "bootloader"))]
 mod poke;
+#[cfg(not(feature = "bootloader"))]
 mod rig;
 mod serial;
+
+#[cfg(feature = "bootloader")]
+pub use boot::boot;
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -22,15 +31,20 @@ use windlass_core::engine;
 use windlass_core::engine::snapshot::Actuation;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
+use windlass_core::node::Handover;
 use windlass_core::reset::ResetCause;
 use windlass_core::time::Instant;
 
 use crate::chip::stm32f405_emulated as chip;
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
-use crate::fault::RECORD;
+use crate::fault;
+#[cfg(not(feature = "bootloader"))]
+use crate::info;
 use crate::kept::Kept;
+use crate::memory;
 use crate::port::{Board, Event};
+use crate::record::Cause;
 use crate::thread::Thread;
 
 use bus::SlcanBus;
@@ -76,6 +90,7 @@ impl Jitter {
 }
 
 /// The control tick: nothing but the engine, and a note to the plant that it is its turn.
+#[cfg(not(feature = "bootloader"))]
 #[exception]
 fn SysTick() {
     static mut CONTROL: Control = Control::new();
@@ -90,6 +105,7 @@ fn SysTick() {
 }
 
 /// The bridge is off: there is none but the plant's.
+#[cfg(not(feature = "bootloader"))]
 pub fn bridge_off() {
     rig::ACTUATION.put(Actuation::Off);
 }
@@ -98,15 +114,20 @@ pub fn bridge_off() {
 static BOARD: StaticCell<Qemu> = StaticCell::new();
 static THREAD: StaticCell<Thread> = StaticCell::new();
 
+type BoardKept = Kept<memory::Settings, memory::Application>;
+
 /// The board's part of thread mode.
 struct Qemu {
     bus: SlcanBus,
     clock: Clock,
-    kept: Kept,
+    kept: BoardKept,
 }
 
+#[cfg(not(feature = "bootloader"))]
 impl Board for Qemu {
     type Bus = SlcanBus;
+    type Settings = memory::Settings;
+    type Application = memory::Application;
 
     fn now(&mut self) -> Instant {
         self.clock.now(&CROSSING, chip::micros_of_tick)
@@ -116,8 +137,12 @@ impl Board for Qemu {
         &mut self.bus
     }
 
-    fn kept(&mut self) -> &mut Kept {
+    fn kept(&mut self) -> &mut BoardKept {
         &mut self.kept
+    }
+
+    fn restart(&mut self, handover: Handover) -> ! {
+        fault::end(Cause::Requested(handover))
     }
 
     fn show(&mut self, _: Leds) {}
@@ -137,7 +162,7 @@ impl Board for Qemu {
     }
 
     fn idle(&mut self) {
-        serial::take_pokes();
+        console::take_pokes();
         if !bus::FLOOD.load(Ordering::Relaxed) {
             cortex_m::asm::wfi();
         }
@@ -150,10 +175,11 @@ pub fn micros() -> u64 {
 }
 
 /// Starts the hardware and runs thread mode.
+#[cfg(not(feature = "bootloader"))]
 pub fn run() -> ! {
     if let Some(mut core) = Peripherals::take() {
         chip::start_serial(&mut core.NVIC, serial::CAN, pac::Interrupt::USART1);
-        chip::start_serial(&mut core.NVIC, serial::POKES, pac::Interrupt::USART2);
+        chip::start_serial(&mut core.NVIC, console::POKES, pac::Interrupt::USART2);
         SCB::set_pendsv();
         chip::start_tick(&mut core.SCB, &mut core.SYST);
     }
@@ -164,15 +190,18 @@ pub fn run() -> ! {
 
 /// Makes board and node. A function of its own, so that thread mode does not keep the large stack frame
 /// that this takes.
+#[cfg(not(feature = "bootloader"))]
 #[inline(never)]
 fn build() -> (&'static mut Qemu, &'static mut Thread) {
     // The emulated chip has no reset flags: the record alone decides.
+    let origin = info::origin(engine::Board::REFERENCE, SEED, || ResetCause::Unknown);
     let board = BOARD.init_with(|| Qemu {
         bus: SlcanBus::default(),
         clock: Clock::default(),
-        kept: Kept::new(&RECORD, ResetCause::Unknown, engine::Board::REFERENCE, SEED),
+        kept: Kept::new(origin, memory::settings(), memory::application()),
     });
     let config = board.kept.node_config();
-    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, None));
+    let stored = board.kept.load();
+    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, Some(&stored)));
     (board, thread)
 }

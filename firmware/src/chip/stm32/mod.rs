@@ -8,17 +8,20 @@ pub mod bridge;
 pub mod encoder;
 
 use core::convert::Infallible;
+use core::ptr;
 
 use cortex_m::peripheral::NVIC;
 use embedded_hal::digital::{ErrorType, InputPin};
 use stm32_metapac::gpio::Gpio;
 use stm32_metapac::gpio::regs::Bsrr;
 use stm32_metapac::gpio::vals::{Moder, Pupdr};
-use stm32_metapac::iwdg::vals::Key;
+use stm32_metapac::iwdg::vals::{Key, Pr};
 use stm32_metapac::{EXTI, IWDG, Interrupt, TIM7, UID};
 use windlass_core::time::TICK;
 
+#[cfg(not(feature = "bootloader"))]
 use crate::fault;
+#[cfg(not(feature = "bootloader"))]
 use crate::record::Cause;
 
 /// Priorities; the chips implement the upper four bits (PM0214, 4.4.4). Lower numbers preempt.
@@ -27,14 +30,26 @@ const PRIORITY_TICK: u8 = 0x10;
 const PRIORITY_INDEX: u8 = 0x40;
 pub(super) const PRIORITY_CAN: u8 = 0x80;
 
-/// Watchdog period: LSI / 4 counts 8000 per second (21.4.2; 42.4.2), 17 to 47 kHz instead of 32 over all parts
-/// make 14 to 38 ms of these 20.
-const WATCHDOG_RELOAD: u16 = 160;
+/// A watchdog period: a prescaler of the LSI of 32 kHz (17 to 47 kHz over all parts), and what is counted down
+/// from (21.4.2, 21.4.3; 42.4.2, 42.4.3).
+type Period = (Pr, u16);
+
+/// While the control tick runs: 20 ms, 14 to 38 over all parts.
+const SHORT: Period = (Pr::DIVIDE_BY4, 160);
+/// While flash is erased, which takes up to 2 s, and in the bootloader: 8.2 s, 5.6 to 15.4 over all parts.
+const LONG: Period = (Pr::DIVIDE_BY64, 4095);
+/// Of the image that this is.
+const PERIOD: Period = if cfg!(feature = "bootloader") {
+    LONG
+} else {
+    SHORT
+};
 
 /// Line of the supply detector among the external interrupts (12.2.5; 15.3, table 103).
 const SUPPLY_LINE: usize = 16;
 
-/// A pin of a port.
+/// A pin of a port, 0 to 15; the functions below keep that range, because the register's own check would be a panic
+/// path.
 #[derive(Clone, Copy)]
 pub struct Pin(pub Gpio, pub usize);
 
@@ -43,7 +58,7 @@ impl Pin {
     #[inline]
     pub fn alternate(self, function: u8) {
         let Self(port, pin) = self;
-        port.afr(pin / 8)
+        port.afr(pin / 8 % 2)
             .modify(|select| select.set_afr(pin % 8, function));
         self.mode(Moder::ALTERNATE);
     }
@@ -66,7 +81,7 @@ impl Pin {
     pub fn pulled_up(self) {
         let Self(port, pin) = self;
         port.pupdr()
-            .modify(|pull| pull.set_pupdr(pin, Pupdr::PULL_UP));
+            .modify(|pull| pull.set_pupdr(pin % 16, Pupdr::PULL_UP));
     }
 
     /// Makes it an output, low.
@@ -79,7 +94,7 @@ impl Pin {
     #[inline]
     fn mode(self, mode: Moder) {
         let Self(port, pin) = self;
-        port.moder().modify(|modes| modes.set_moder(pin, mode));
+        port.moder().modify(|modes| modes.set_moder(pin % 16, mode));
     }
 
     /// Sets an output.
@@ -124,9 +139,53 @@ impl InputPin for Input {
 /// Starts the watchdog (21.3; 42.3). Before the clocks, so that a crystal that does not start ends in a reset.
 pub fn start_watchdog() {
     IWDG.kr().write(|key| key.set_key(Key::START));
+    set_watchdog(PERIOD);
+}
+
+/// Changes the watchdog's period, whatever it was before: once started it runs until the next reset, also from the
+/// bootloader into the application.
+fn set_watchdog((prescaler, reload): Period) {
+    // The registers take their values over in the clock of the watchdog, one after the other (21.4.4; 42.4.4).
+    let settled = || while IWDG.sr().read().0 != 0 {};
     IWDG.kr().write(|key| key.set_key(Key::ENABLE));
-    IWDG.rlr().write(|reload| reload.set_rl(WATCHDOG_RELOAD));
+    settled();
+    IWDG.pr().write(|scale| scale.set_pr(prescaler));
+    IWDG.rlr().write(|value| value.set_rl(reload));
+    settled();
     feed_watchdog();
+}
+
+/// A time in which the watchdog waits for flash to be erased.
+#[must_use]
+pub(super) struct Patience(());
+
+impl Patience {
+    /// Gives the watchdog its long period.
+    pub(super) fn begin() -> Self {
+        set_watchdog(LONG);
+        Self(())
+    }
+
+    /// Goes back to the image's own.
+    pub(super) fn end(self) {
+        set_watchdog(PERIOD);
+    }
+}
+
+/// Reads flash, past what the compiler thinks it knows of it.
+pub(super) fn read_memory(address: u32, bytes: &mut [u8]) {
+    for (at, byte) in (address..).zip(bytes) {
+        // SAFETY: a partition has checked that the address lies in its region of the flash, which can always be
+        // read.
+        *byte = unsafe { ptr::with_exposed_provenance::<u8>(at as usize).read_volatile() };
+    }
+}
+
+/// Writes a word to flash that is being programmed.
+pub(super) fn write_memory(address: u32, word: u32) {
+    // SAFETY: a partition has checked that the address is aligned and lies in its region of the flash, where
+    // neither code nor data of this program stands.
+    unsafe { ptr::with_exposed_provenance_mut::<u32>(address as usize).write_volatile(word) };
 }
 
 /// Restarts the watchdog's period.
@@ -144,6 +203,7 @@ pub(super) fn watch_supply(nvic: &mut NVIC, interrupt: Interrupt) {
 }
 
 /// The supply of the chip is too low to go on: bridge off and reset. The next start waits until it is back.
+#[cfg(not(feature = "bootloader"))]
 pub(super) fn supply_is_low() -> ! {
     fault::end(Cause::SupplyLow)
 }
@@ -159,6 +219,13 @@ pub fn start_tick(nvic: &mut NVIC, interrupt: Interrupt, clock_mhz: u32) {
     TIM7.dier().write(|enable| enable.set_uie(true));
     TIM7.cr1().write(|control| control.set_cen(true));
     enable(nvic, interrupt, PRIORITY_TICK);
+}
+
+/// Lets TIM7 count microseconds, wrapping after 65,536. `clock_mhz` is its clock.
+pub fn start_clock(clock_mhz: u32) {
+    TIM7.psc().write_value((clock_mhz - 1) as u16);
+    TIM7.egr().write(|event| event.set_ug(true));
+    TIM7.cr1().write(|control| control.set_cen(true));
 }
 
 /// The tick interrupt has been seen.

@@ -2,11 +2,14 @@
 
 pub mod can;
 pub mod converter;
+pub mod flash;
 
 use cortex_m::peripheral::NVIC;
 use stm32_metapac::flash::vals::Latency;
+#[cfg(not(feature = "bootloader"))]
+use stm32_metapac::interrupt;
 use stm32_metapac::rcc::vals::{Pllm, Plln, Pllp, Pllq, Pllsrc, Ppre, Sw};
-use stm32_metapac::{FLASH, Interrupt, PWR, RCC, interrupt};
+use stm32_metapac::{FLASH, Interrupt, PWR, RCC};
 use windlass_core::reset::ResetCause;
 
 use super::stm32;
@@ -43,17 +46,19 @@ pub fn take_reset_cause(_: &Record) -> ResetCause {
     }
 }
 
-/// Starts watchdog and clocks: a crystal of `crystal_mhz`, 168 MHz for the core, 84 and 42 MHz for the peripherals
-/// (7.2, 7.3.2). Waits until the supply is above the detector's threshold.
-pub fn start_clocks(crystal_mhz: u8) {
+/// Waits until the supply is above the detector's threshold.
+pub fn await_supply() {
     RCC.apb1enr().modify(|enable| enable.set_pwren(true));
     PWR.cr1().modify(|control| {
         control.set_pls(SUPPLY_THRESHOLD);
         control.set_pvde(true);
     });
     while PWR.csr1().read().pvdo() {}
-    stm32::start_watchdog();
+}
 
+/// Starts the clocks: a crystal of `crystal_mhz`, 168 MHz for the core, 84 and 42 MHz for the peripherals (7.2,
+/// 7.3.2). After the watchdog, so that a crystal that does not start ends in a reset.
+pub fn start_clocks(crystal_mhz: u8) {
     RCC.cr().modify(|control| control.set_hseon(true));
     while !RCC.cr().read().hserdy() {}
     // Five wait states at 168 MHz and 3.3 V (3.5.1, table 10), with prefetch and both caches.
@@ -109,6 +114,7 @@ pub fn watch_supply(nvic: &mut NVIC) {
     stm32::watch_supply(nvic, Interrupt::PVD);
 }
 
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn PVD() {
     stm32::supply_is_low();

@@ -2,11 +2,14 @@
 
 pub mod can;
 pub mod converter;
+pub mod flash;
 
 use cortex_m::peripheral::NVIC;
 use stm32_metapac::flash::vals::Latency;
+#[cfg(not(feature = "bootloader"))]
+use stm32_metapac::interrupt;
 use stm32_metapac::rcc::vals::{Fdcansel, Hpre, Pllm, Plln, Pllq, Pllr, Pllsrc, Sw};
-use stm32_metapac::{FLASH, Interrupt, PWR, RCC, interrupt};
+use stm32_metapac::{FLASH, Interrupt, PWR, RCC};
 use windlass_core::reset::ResetCause;
 
 use super::stm32;
@@ -45,9 +48,8 @@ pub fn take_reset_cause(record: &Record) -> ResetCause {
     }
 }
 
-/// Starts watchdog and clocks: a crystal of `crystal_mhz`, a multiple of 4, and 170 MHz for everything, 85 MHz for
-/// CAN (7.2). Waits until the supply is above the detector's threshold.
-pub fn start_clocks(crystal_mhz: u8) {
+/// Waits until the supply is above the detector's threshold.
+pub fn await_supply() {
     RCC.apb1enr1().modify(|enable| enable.set_pwren(true));
     // Also ends the pull-downs that USB-C puts on PB4 and PB6 (6.4.3, UCPD1_DBDIS).
     PWR.cr3().modify(|control| control.set_ucpd1_dbdis(true));
@@ -56,8 +58,11 @@ pub fn start_clocks(crystal_mhz: u8) {
         detector.set_pvde(true);
     });
     while PWR.sr2().read().pvdo() {}
-    stm32::start_watchdog();
+}
 
+/// Starts the clocks: a crystal of `crystal_mhz`, a multiple of 4, and 170 MHz for everything, 85 MHz for CAN (7.2).
+/// After the watchdog, so that a crystal that does not start ends in a reset.
+pub fn start_clocks(crystal_mhz: u8) {
     RCC.cr().modify(|control| control.set_hseon(true));
     while !RCC.cr().read().hserdy() {}
     // Boost mode of voltage range 1 and four wait states for more than 150 MHz (6.1.5, 3.3.3 table 9).
@@ -126,6 +131,7 @@ pub fn watch_supply(nvic: &mut NVIC) {
     stm32::watch_supply(nvic, Interrupt::PVD_PVM);
 }
 
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn PVD_PVM() {
     stm32::supply_is_low();
