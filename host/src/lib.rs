@@ -6,4 +6,5 @@ pub mod cli;
 pub mod client;
 pub mod flash;
 pub mod image;
+mod remark;
 pub mod transport;

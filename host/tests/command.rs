@@ -444,6 +444,23 @@ fn ctrl_c_switches_the_drive_off_and_ends_with_130() {
 
 #[test]
 #[cfg(unix)]
+fn a_closed_standard_error_changes_no_exit_code() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_windlass"))
+        .args(["-t", "sim", "param", "get", "nonsense"])
+        .stderr(writer)
+        .status()
+        .unwrap();
+    let code = windlass(&["-t", "sim", "param", "get", "nonsense"])
+        .status
+        .code();
+    assert_eq!(status.code(), code);
+    assert_ne!(code, Some(101));
+}
+
+#[test]
+#[cfg(unix)]
 fn a_closed_pipe_ends_the_drive_without_a_panic() {
     let (child, lines) = long_drive();
     drop(lines);

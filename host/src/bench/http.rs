@@ -17,6 +17,7 @@ use tokio::sync::oneshot;
 use super::json::{Fields, required};
 use super::server::Bench;
 use super::{BenchError, Handle, frame, patch, view};
+use crate::remark::remark;
 
 /// Longest step: one hour.
 const LONGEST_STEP_US: u64 = 3_600_000_000;
@@ -128,7 +129,7 @@ impl Http {
             }
         });
         if let Err(error) = result {
-            eprintln!("bench: the HTTP server has ended: {error}");
+            remark(format_args!("bench: the HTTP server has ended: {error}"));
         }
     }
 }

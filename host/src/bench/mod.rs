@@ -29,6 +29,7 @@ use windlass_sim::{NodeSpec, World, WorldConfig};
 pub use error::BenchError;
 pub use pace::Pace;
 
+use crate::remark::remark;
 use pace::Pacer;
 use server::{Bench, Parts};
 
@@ -111,7 +112,7 @@ struct Log(bool);
 impl Log {
     fn line(self, text: Arguments<'_>) {
         if self.0 {
-            eprintln!("bench: {text}");
+            remark(format_args!("bench: {text}"));
         }
     }
 }

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use crate::client::talon::TalonError;
 use crate::client::{self, ValueError};
+use crate::remark::remark;
 use crate::transport::BusError;
 
 /// What went wrong, by the exit code it leads to (`docs/command.md`).
@@ -80,7 +81,7 @@ impl Failure {
 
     /// Prints the failure for people, on standard error.
     pub fn print(&self) {
-        eprintln!("error: {}\nnext: {}", self.message, self.next);
+        remark(format_args!("error: {}\nnext: {}", self.message, self.next));
     }
 }
 

@@ -11,6 +11,7 @@ use super::output::say;
 use super::{Failure, interrupted};
 use crate::client::{Address, Device};
 use crate::flash::{Observer, Phase, Report};
+use crate::remark::remark;
 
 /// How a row looks: device, phase, bar, pages, rate and time left.
 const ROW: &str = "{prefix:<12} [{bar:31}] {pos:>2}/{len}  {wide_msg}";
@@ -47,7 +48,7 @@ impl Progress {
             return Ok(());
         }
         drop(self.rows);
-        eprintln!();
+        remark(format_args!(""));
         for report in reports {
             say!("device {}: {}", report.address, summary(report))?;
         }

@@ -9,6 +9,7 @@ use windlass_sim::{NodeSpec, WorldConfig};
 use super::output::say;
 use super::{Failure, Global, Kind, Outcome, interrupted};
 use crate::bench::{BenchError, Config, Pace, Server};
+use crate::remark::remark;
 
 /// How often the command looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(50);
@@ -119,9 +120,9 @@ pub fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Failure> {
     let server = Server::start(&arguments.config())?;
     for address in [server.slcan(), server.http()] {
         if !address.ip().is_loopback() {
-            eprintln!(
+            remark(format_args!(
                 "bench: {address} can be reached from other machines; nothing there asks who they are"
-            );
+            ));
         }
     }
     announce(&server, global.json)?;
