@@ -82,7 +82,7 @@ impl Node {
     /// A node that starts at `now`. `stored` is what was kept last, or nothing on a blank board.
     #[must_use]
     pub fn new(now: Instant, config: &NodeConfig, stored: Option<&Stored>) -> Self {
-        let stored = match stored {
+        let mut stored = match stored {
             Some(stored) => Stored {
                 params: stored.params.persistent(),
                 ..stored.clone()
@@ -92,9 +92,11 @@ impl Node {
         let kind = DialectKind::from_code(stored.params.get(ParameterId::Dialect))
             .unwrap_or(DialectKind::Dmc60c);
         let settings = compile::settings(&stored.params, &config.board, &kind.policy());
+        let identity = kind.identity();
+        stored.number = identity.number(stored.number);
         let mut node = Self {
             config: *config,
-            management: Management::new(config.image),
+            management: Management::new(config.image, identity),
             dialect: AnyDialect::new(kind),
             faults: FaultLog::new(&stored),
             stored,
@@ -318,10 +320,7 @@ impl Node {
     pub fn poll_tx(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Transmission> {
         let number = self.stored.number;
         let versions = self.versions();
-        let answer = self
-            .management
-            .encode(now, number, self.config.product_id, versions);
-        if let Some((frame, answer)) = answer {
+        if let Some((frame, answer)) = self.management.encode(now, number, versions) {
             let attempts = match answer {
                 Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
                 Answer::Other | Answer::Dialect => Attempts::UntilSent,
