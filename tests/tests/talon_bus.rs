@@ -416,7 +416,6 @@ fn row_65_sixteen_talons_at_10_ms_use_57_to_69_percent_of_the_bus() {
 }
 
 #[test]
-#[ignore = "the controller does not tell the node about error frames yet"]
 fn row_68_one_error_frame_blinks_every_unit_red_once_and_leaves_the_drive_alone() {
     let bench = TalonBench::new(&["talon:3", "talon:4"]);
     let talons = [bench.talon(3), bench.talon(4)];

@@ -22,7 +22,7 @@ use crate::engine::command::{Command, DriveOpts, PositionOf, SetAccumulator, Set
 use crate::engine::settings::{Settings, Sticky};
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
 use crate::frame::Frame;
-use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
+use crate::led::{self, BUS_ERROR_TIME, IDENTIFY_TIME, Indication, Leds, Style};
 use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
@@ -74,6 +74,8 @@ pub struct Node {
     reset: Option<Handover>,
     pin_test: Option<PinTest>,
     identify_since: Option<Instant>,
+    /// When the error frame came that the LEDs show.
+    bus_error_since: Option<Instant>,
     sessions: SessionIds,
     confirm: Confirmation,
 }
@@ -110,6 +112,7 @@ impl Node {
             reset: None,
             pin_test: None,
             identify_since: None,
+            bus_error_since: None,
             sessions: SessionIds::new(config.seed),
             confirm: Confirmation::Silent,
         };
@@ -375,6 +378,20 @@ impl Node {
         self.counters.dropped = frames;
     }
 
+    /// How many error frames the CAN controller has seen since it was initialised; wraps. A new one makes the
+    /// LEDs flash, if the dialect's style has that; during a flash none begins anew.
+    pub fn set_bus_errors(&mut self, now: Instant, errors: u32) {
+        let is_new = errors != self.counters.bus_errors;
+        self.counters.bus_errors = errors;
+        let is_over = |since: &Instant| now.since(*since) >= BUS_ERROR_TIME;
+        if self.bus_error_since.as_ref().is_some_and(is_over) {
+            self.bus_error_since = None;
+        }
+        if is_new && self.bus_error_since.is_none() {
+            self.bus_error_since = Some(now);
+        }
+    }
+
     /// When [`Node::poll_tx`] or [`Node::poll`] have something to do next, apart from new frames and
     /// faults.
     #[must_use]
@@ -436,7 +453,14 @@ impl Node {
             _ if self.config.image != ImageType::Application => Indication::Bootloader,
             _ => {
                 let stopping = self.settings.policy.stopping;
-                led::indication(self.session().is_some(), snapshot, stopping)
+                let shown = led::indication(self.session().is_some(), snapshot, stopping);
+                let flashes = self.dialect.kind().led_style() == Style::Blinking
+                    && self.bus_error_since.is_some();
+                match shown {
+                    Indication::Fault(_) | Indication::NoLink => shown,
+                    _ if flashes => Indication::BusError,
+                    _ => shown,
+                }
             }
         }
     }

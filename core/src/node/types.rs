@@ -133,6 +133,8 @@ pub struct Counters {
     pub dropped: u32,
     /// Transmissions that were given up.
     pub given_up: u32,
+    /// Error frames that the CAN controller has seen since it was initialised.
+    pub bus_errors: u32,
 }
 
 impl Counters {

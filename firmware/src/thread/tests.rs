@@ -27,6 +27,7 @@ struct FakeBus {
     events: VecDeque<BusEvent>,
     sent: Vec<Frame>,
     dropped: u32,
+    errors: u32,
 }
 
 impl Bus for FakeBus {
@@ -40,6 +41,10 @@ impl Bus for FakeBus {
 
     fn dropped(&self) -> u32 {
         self.dropped
+    }
+
+    fn errors(&self) -> u32 {
+        self.errors
     }
 }
 
