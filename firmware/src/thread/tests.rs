@@ -231,9 +231,11 @@ fn every_change_is_logged_once() {
 fn frames_that_the_bus_has_lost_reach_the_node() {
     let (mut board, crossing, mut thread) = start();
     board.bus.dropped = 3;
+    board.bus.errors = 2;
     crossing.skip();
     thread.pass(&mut board, &crossing);
     assert_eq!(thread.node().counters().dropped, 3);
+    assert_eq!(thread.node().counters().bus_errors, 2);
 }
 
 #[test]
