@@ -41,7 +41,7 @@ impl Position {
 /// so a level that lasts for less than a tick is missed: good for 1000 edges a second.
 #[derive(Clone, Copy, Debug)]
 pub struct Rises {
-    level: bool,
+    low: bool,
     edges: u16,
 }
 
@@ -50,17 +50,17 @@ impl Rises {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            level: true,
+            low: false,
             edges: 0,
         }
     }
 
     /// Edges so far, wrapping, with this level now.
     pub fn follow(&mut self, level: bool) -> u16 {
-        if level && !self.level {
+        if level && self.low {
             self.edges = self.edges.wrapping_add(1);
         }
-        self.level = level;
+        self.low = !level;
         self.edges
     }
 }

@@ -24,6 +24,7 @@ use crate::fault::{self, RECORD};
 #[cfg(not(feature = "bootloader"))]
 use crate::info;
 use crate::kept::Kept;
+use crate::latest::Maybe;
 use crate::log;
 use crate::memory;
 use crate::port::{Board, Event};
@@ -98,7 +99,7 @@ pub(super) struct Description {
 /// What the tick's interrupt owns.
 pub(super) struct Tick {
     control: Control,
-    stage: Option<Stage>,
+    stage: Maybe<Stage>,
     /// Position of the encoder.
     pub(super) position: Position,
     /// Rising edges of QEA.
@@ -110,7 +111,7 @@ impl Tick {
     pub(super) const fn new() -> Self {
         Self {
             control: Control::new(),
-            stage: None,
+            stage: Maybe::Nothing,
             position: Position::new(),
             rises: Rises::new(),
         }
@@ -120,10 +121,10 @@ impl Tick {
     #[inline]
     pub(super) fn run(&mut self, wiring: &Wiring, sample: &Sample) -> Actuation {
         let actuation = self.control.tick(&CROSSING, sample);
-        if self.stage.is_none() {
-            self.stage = wiring.stage();
+        if self.stage.as_ref().is_none() {
+            self.stage = wiring.stage().into();
         }
-        if let Some(stage) = &mut self.stage {
+        if let Some(stage) = self.stage.as_mut() {
             // Pins of this chip do not fail, and a bridge that fails has switched itself off.
             let _ = stage.apply(actuation);
         }

@@ -14,7 +14,7 @@ use cortex_m::peripheral::NVIC;
 use embedded_hal::digital::{ErrorType, InputPin};
 use stm32_metapac::gpio::Gpio;
 use stm32_metapac::gpio::regs::Bsrr;
-use stm32_metapac::gpio::vals::{Moder, Pupdr};
+use stm32_metapac::gpio::vals::{Moder, Ospeedr, Pupdr};
 use stm32_metapac::iwdg::vals::{Key, Pr};
 use stm32_metapac::{EXTI, IWDG, Interrupt, TIM7, UID};
 use windlass_core::time::TICK;
@@ -54,10 +54,12 @@ const SUPPLY_LINE: usize = 16;
 pub struct Pin(pub Gpio, pub usize);
 
 impl Pin {
-    /// Gives the pin to a peripheral (8.3.2; 9.3.2).
-    #[inline]
+    /// Gives the pin to a peripheral (8.3.2; 9.3.2). As slow as a reset leaves it, an output may take 100 ns for an
+    /// edge, a tenth of a bit on the bus and of the bridge's dead time (data sheet, I/O AC characteristics).
     pub fn alternate(self, function: u8) {
         let Self(port, pin) = self;
+        port.ospeedr()
+            .modify(|speed| speed.set_ospeedr(pin % 16, Ospeedr::MEDIUM_SPEED));
         port.afr(pin / 8 % 2)
             .modify(|select| select.set_afr(pin % 8, function));
         self.mode(Moder::ALTERNATE);
