@@ -48,7 +48,13 @@ impl<T: Copy> Latest<Maybe<T>> {
     /// The value, if one was put since the last call.
     #[must_use]
     pub fn take(&self) -> Option<T> {
-        self.replace(Maybe::Nothing).get()
+        // Not `replace`, which copies twice with interrupts masked.
+        critical_section::with(|token| {
+            let cell = self.0.borrow(token);
+            let value = cell.get().get()?;
+            cell.set(Maybe::Nothing);
+            Some(value)
+        })
     }
 }
 
