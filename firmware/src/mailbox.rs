@@ -35,10 +35,18 @@ pub struct Mailbox {
     received: Mutex<RefCell<Deque<Frame, WAITING>>>,
     /// Frames that found no place, here or in the controller.
     dropped: AtomicU32,
+    /// Error frames that the controller has seen.
+    errors: AtomicU32,
     /// How often the transmission on its way may still be destroyed.
     on_the_way: Latest<Maybe<Attempts>>,
     /// How the latest transmission ended.
     ended: Latest<Maybe<TxOutcome>>,
+}
+
+/// Only the controller's interrupts count, which do not interrupt each other.
+fn count_up(counter: &AtomicU32) {
+    let count = counter.load(Ordering::Relaxed);
+    counter.store(count.wrapping_add(1), Ordering::Relaxed);
 }
 
 impl Mailbox {
@@ -48,6 +56,7 @@ impl Mailbox {
         Self {
             received: Mutex::new(RefCell::new(Deque::new())),
             dropped: AtomicU32::new(0),
+            errors: AtomicU32::new(0),
             on_the_way: Latest::empty(),
             ended: Latest::empty(),
         }
@@ -67,9 +76,17 @@ impl Mailbox {
 
     /// The controller has lost a frame.
     pub fn count_drop(&self) {
-        let dropped = self.dropped.load(Ordering::Relaxed);
-        self.dropped
-            .store(dropped.wrapping_add(1), Ordering::Relaxed);
+        count_up(&self.dropped);
+    }
+
+    /// The controller has seen an error frame, its own or another's.
+    pub fn count_error(&self) {
+        count_up(&self.errors);
+    }
+
+    /// Error frames since power-on; wraps.
+    pub fn errors(&self) -> u32 {
+        self.errors.load(Ordering::Relaxed)
     }
 
     /// Frames lost since power-on; wraps.

@@ -128,6 +128,7 @@ impl Thread {
         self.ticks = ticks;
         let now = board.now();
         self.node.set_dropped(board.bus().dropped());
+        self.node.set_bus_errors(now, board.bus().errors());
         self.node.poll(now, &self.snapshot);
         if board.button_pressed() {
             self.node.press_button(now);

@@ -27,6 +27,7 @@ struct FakeBus {
     events: VecDeque<BusEvent>,
     sent: Vec<Frame>,
     dropped: u32,
+    errors: u32,
 }
 
 impl Bus for FakeBus {
@@ -40,6 +41,10 @@ impl Bus for FakeBus {
 
     fn dropped(&self) -> u32 {
         self.dropped
+    }
+
+    fn errors(&self) -> u32 {
+        self.errors
     }
 }
 
@@ -226,9 +231,11 @@ fn every_change_is_logged_once() {
 fn frames_that_the_bus_has_lost_reach_the_node() {
     let (mut board, crossing, mut thread) = start();
     board.bus.dropped = 3;
+    board.bus.errors = 2;
     crossing.skip();
     thread.pass(&mut board, &crossing);
     assert_eq!(thread.node().counters().dropped, 3);
+    assert_eq!(thread.node().counters().bus_errors, 2);
 }
 
 #[test]

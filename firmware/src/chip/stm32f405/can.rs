@@ -48,9 +48,12 @@ impl Can {
         CAN1.ier().write(|enable| {
             enable.set_fmpie(0, true);
             enable.set_tmeie(true);
+            enable.set_lecie(true);
+            enable.set_errie(true);
         });
         enable(nvic, Interrupt::CAN1_RX0, PRIORITY_CAN);
         enable(nvic, Interrupt::CAN1_TX, PRIORITY_CAN);
+        enable(nvic, Interrupt::CAN1_SCE, PRIORITY_CAN);
         CAN1.mcr().modify(|control| control.set_inrq(false));
         Self::default()
     }
@@ -115,6 +118,10 @@ impl Bus for Can {
     fn dropped(&self) -> u32 {
         MAILBOX.dropped()
     }
+
+    fn errors(&self) -> u32 {
+        MAILBOX.errors()
+    }
 }
 
 #[interrupt]
@@ -133,6 +140,14 @@ fn CAN1_RX0() {
         // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
         while CAN1.rfr(0).read().rfom() {}
     }
+}
+
+/// An error was detected (32.8, CAN interrupts). Its code stays in ESR, where the other interrupt reads it.
+#[interrupt]
+fn CAN1_SCE() {
+    // Writing a one clears the flag; ones at the other flags would clear those.
+    CAN1.msr().write(|clear| clear.set_erri(true));
+    MAILBOX.count_error();
 }
 
 fn read_mailbox() -> Option<Frame> {

@@ -70,6 +70,7 @@ impl Can {
             enable.set_rfle(0, true);
             enable.set_tce(true);
             enable.set_tcfe(true);
+            enable.set_peae(true);
         });
         FDCAN1.ile().write(|lines| lines.set_eint0(true));
         enable(nvic, Interrupt::FDCAN1_IT0, PRIORITY_CAN);
@@ -123,6 +124,10 @@ impl Bus for Can {
     fn dropped(&self) -> u32 {
         MAILBOX.dropped()
     }
+
+    fn errors(&self) -> u32 {
+        MAILBOX.errors()
+    }
 }
 
 /// Starts an attempt; errors from before do not count.
@@ -145,6 +150,10 @@ fn FDCAN1_IT0() {
     }
     if flags.rfl(0) {
         MAILBOX.count_drop();
+    }
+    // An error of any kind: classic frames have no other phase than that of arbitration (FDCAN_IR, PEA).
+    if flags.pea() {
+        MAILBOX.count_error();
     }
     if flags.tc() || flags.tcf() {
         attempt_ended();
