@@ -11,7 +11,7 @@ use heapless::Deque;
 use windlass_core::frame::Frame;
 use windlass_core::node::{Attempts, TxOutcome};
 
-use crate::latest::Latest;
+use crate::latest::{Latest, Maybe};
 use crate::port::BusEvent;
 
 /// Frames that may wait for thread mode: 1.5 ms of a saturated bus of 1 Mbit/s.
@@ -43,36 +43,6 @@ pub struct Mailbox {
     ended: Latest<Maybe<TxOutcome>>,
 }
 
-/// An option that is all zeros while it is empty, so that an empty mailbox takes up no flash.
-#[derive(Clone, Copy, Debug)]
-struct Maybe<T> {
-    present: bool,
-    value: T,
-}
-
-impl<T: Copy> Maybe<T> {
-    const fn none(zero: T) -> Self {
-        Self {
-            present: false,
-            value: zero,
-        }
-    }
-
-    const fn some(value: T) -> Self {
-        Self {
-            present: true,
-            value,
-        }
-    }
-
-    fn get(self) -> Option<T> {
-        self.present.then_some(self.value)
-    }
-}
-
-const NOTHING_ON_THE_WAY: Maybe<Attempts> = Maybe::none(Attempts::UntilSent);
-const NOT_ENDED: Maybe<TxOutcome> = Maybe::none(TxOutcome::Sent);
-
 /// Only the controller's interrupts count, which do not interrupt each other.
 fn count_up(counter: &AtomicU32) {
     let count = counter.load(Ordering::Relaxed);
@@ -87,8 +57,8 @@ impl Mailbox {
             received: Mutex::new(RefCell::new(Deque::new())),
             dropped: AtomicU32::new(0),
             errors: AtomicU32::new(0),
-            on_the_way: Latest::new(NOTHING_ON_THE_WAY),
-            ended: Latest::new(NOT_ENDED),
+            on_the_way: Latest::empty(),
+            ended: Latest::empty(),
         }
     }
 
@@ -126,7 +96,7 @@ impl Mailbox {
 
     /// A transmission starts.
     pub fn start(&self, attempts: Attempts) {
-        self.on_the_way.put(Maybe::some(attempts));
+        self.on_the_way.offer(attempts);
     }
 
     /// An attempt has ended; true if it is to be repeated.
@@ -148,24 +118,24 @@ impl Mailbox {
             self.finish(TxOutcome::Failed);
             return false;
         }
-        self.on_the_way.put(Maybe::some(left));
+        self.on_the_way.offer(left);
         true
     }
 
     fn finish(&self, outcome: TxOutcome) {
-        self.on_the_way.put(NOTHING_ON_THE_WAY);
-        self.ended.put(Maybe::some(outcome));
+        self.on_the_way.put(Maybe::Nothing);
+        self.ended.offer(outcome);
     }
 
     /// The bus is lost: what is on its way is given up without an outcome.
     pub fn flush(&self) {
-        self.on_the_way.put(NOTHING_ON_THE_WAY);
-        self.ended.put(NOT_ENDED);
+        self.on_the_way.put(Maybe::Nothing);
+        self.ended.put(Maybe::Nothing);
     }
 
     /// The next event for thread mode: the end of a transmission before frames.
     pub fn poll(&self) -> Option<BusEvent> {
-        if let Some(outcome) = self.ended.replace(NOT_ENDED).get() {
+        if let Some(outcome) = self.ended.take() {
             return Some(BusEvent::Ended(outcome));
         }
         critical_section::with(|token| {

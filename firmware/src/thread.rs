@@ -185,11 +185,11 @@ impl Thread {
     fn publish(&mut self, crossing: &Crossing) {
         if self.settings.as_ref() != Some(self.node.settings()) {
             self.settings = Some(*self.node.settings());
-            crossing.settings.put(self.settings);
+            crossing.settings.offer(*self.node.settings());
         }
         if self.command.as_ref() != Some(self.node.command()) {
             self.command = Some(*self.node.command());
-            crossing.command.put(self.command);
+            crossing.command.offer(*self.node.command());
         }
     }
 

@@ -203,10 +203,10 @@ fn every_change_is_logged_once() {
     thread.pass(&mut board, &crossing);
     let session = thread.node().session().expect("the bus was seen");
     let faults = Faults::NONE.with(Fault::GateDriver);
-    crossing.snapshot.put(Some(Snapshot {
+    crossing.snapshot.offer(Snapshot {
         faults,
         ..Snapshot::default()
-    }));
+    });
     board.bus.dropped = 3;
     crossing.skip();
     board.bus.events.push_back(BusEvent::Lost);
@@ -277,7 +277,7 @@ fn while_the_motor_may_move_nothing_is_erased() {
     };
     let erases = |board: &FakeBoard| board.chip.erases(Region::Journal).iter().sum::<u32>();
     for _ in 0..3_000 {
-        crossing.snapshot.put(Some(driving));
+        crossing.snapshot.offer(driving);
         crossing.skip();
         board.now = board.now + Duration::from_micros(500);
         thread.pass(&mut board, &crossing);
@@ -285,7 +285,7 @@ fn while_the_motor_may_move_nothing_is_erased() {
     assert_eq!(erases(&board), 0);
     // Off for a second: the journal's next unit is erased in advance.
     for _ in 0..3_000 {
-        crossing.snapshot.put(Some(Snapshot::default()));
+        crossing.snapshot.offer(Snapshot::default());
         crossing.skip();
         board.now = board.now + Duration::from_micros(500);
         thread.pass(&mut board, &crossing);

@@ -3,7 +3,7 @@
 
 use cortex_m::peripheral::NVIC;
 use embedded_can::{ExtendedId, Id, StandardId};
-use stm32_metapac::can::vals::{Anfe, Anfs, Lec};
+use stm32_metapac::can::vals::{Anfe, Anfs, Lec, Tfqm};
 use stm32_metapac::{FDCAN1, FDCANRAM1, Interrupt, interrupt};
 use windlass_core::frame::Frame;
 use windlass_core::node::Transmission;
@@ -55,6 +55,9 @@ impl Can {
             timing.set_ntseg2(3 - 1);
             timing.set_nsjw(3 - 1);
         });
+        // A queue, whose buffers may be used in any order, so that every frame goes through buffer 0. After a reset it
+        // is a FIFO, which takes them in turn: a second request for buffer 0 would wait for the two others (44.3.3).
+        FDCAN1.txbc().write(|sending| sending.set_tfqm(Tfqm::QUEUE));
         // Everything into FIFO 0: any frame shows the node that there is a bus.
         FDCAN1.rxgfc().write(|filters| {
             filters.set_anfe(Anfe::ACCEPT_FIFO_0);
