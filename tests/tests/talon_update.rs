@@ -70,7 +70,7 @@ fn row_14_a_damaged_header_is_error_200() {
 #[test]
 fn row_14_a_file_of_another_size_is_error_201() {
     for change in [(|file| file.truncate(9000)) as fn(&mut Vec<u8>), |file| {
-        file.push(0)
+        file.push(0);
     }] {
         let error = error_of(change);
         assert!(matches!(error, CrfError::FileSize { .. }), "{error}");
