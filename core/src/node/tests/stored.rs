@@ -15,6 +15,7 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
                 let expected = match id {
                     // The table holds no default for what is computed; the bench was switched on.
                     ParameterId::ResetCause => crate::reset::ResetCause::PowerOn as u32,
+                    ParameterId::Leds => bench.node.leds(bench.now, &bench.snapshot).to_bits(),
                     _ => id.row().default,
                 };
                 assert_eq!((response.value, response.code), (expected, 0), "{code}");
