@@ -95,6 +95,13 @@ impl Frame {
         }
     }
 
+    /// The same frame with another 29-bit identifier; bits above the 29th are dropped.
+    #[must_use]
+    pub const fn with_extended_id(mut self, raw_id: u32) -> Self {
+        self.word = self.word & REMOTE | EXTENDED | raw_id & EXTENDED_MAX;
+        self
+    }
+
     /// The same frame with only its first `len` data bytes; a longer `len` changes nothing.
     #[must_use]
     pub fn shortened(mut self, len: usize) -> Self {

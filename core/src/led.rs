@@ -84,6 +84,8 @@ pub enum Indication {
     Fault(u8),
     /// Neither CAN bus nor RC-PWM pulses.
     NoLink,
+    /// An error frame was seen on the bus.
+    BusError,
     /// Connected, waiting for a command.
     Halted,
     /// A limit refuses to drive forward.
@@ -96,6 +98,9 @@ pub enum Indication {
 
 /// Length of the identify pattern (guide, `vcmdFlashLEDS`).
 pub const IDENTIFY_TIME: Duration = Duration::from_millis(5_000);
+
+/// Length of the flash for an error frame (`docs/leds.md`).
+pub const BUS_ERROR_TIME: Duration = Duration::from_millis(100);
 
 const RAINBOW: [Colour; 7] = [
     Colour::Red,
@@ -184,6 +189,7 @@ fn running_ring(now: Instant, indication: Indication) -> [Colour; 4] {
         Indication::Bootloader => running(ms / BOOTLOADER_STEP_MS, Colour::White, true),
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, Colour::Red); 4],
+        Indication::BusError => [Colour::Red; 4],
         Indication::Halted => {
             let (orange, off) = (Colour::Orange, Colour::Off);
             if (ms / HALTED_MS).is_multiple_of(2) {
@@ -209,6 +215,7 @@ fn blinking_ring(now: Instant, indication: Indication) -> [Colour; 4] {
         Indication::Bootloader => [alternate(ms / BOOTLOADER_MS); 4],
         Indication::Fault(bit) => [fault_flash(ms, bit); 4],
         Indication::NoLink => [blink(ms, NO_LINK_MS, red); 4],
+        Indication::BusError => [red; 4],
         Indication::Halted => [blink(ms, DISABLED_MS, Colour::Orange); 4],
         Indication::ForwardLimit => match us / LIMIT_STEP_US % 3 {
             0 => [off, off, red, red],

@@ -176,12 +176,15 @@ class EmulatorTest(unittest.TestCase):
         self.number, self.session = 0, None
         self._beat = None
 
-    def note_stack(self):
-        """Leaves the high-water mark of the stack for `cargo xtask stack`."""
-        path = os.environ.get("WINDLASS_STACK")
+    def note(self, name: str, value: float):
+        """Leaves a figure for the command that has started the test."""
+        path = os.environ.get("WINDLASS_FIGURES")
         if path:
             with open(path, "a", encoding="ascii") as file:
-                print(self.emulator.stack(), file=file)
+                print(name, value, file=file)
+
+    def note_stack(self):
+        self.note("stack", self.emulator.stack())
 
     # --- frames -------------------------------------------------------------------------------
 

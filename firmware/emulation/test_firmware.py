@@ -275,7 +275,7 @@ class Flood(EmulatorTest):
             self.set(dmc60c.P_GAIN, value)
             self.watch(10)
         jitter = self.emulator.jitter()
-        print(f"tick jitter {jitter:.2f} us", end=" ", flush=True)
+        self.note("jitter", jitter)
         self.assertLess(jitter, 5)
 
 

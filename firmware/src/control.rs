@@ -7,17 +7,17 @@ use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
 use windlass_core::engine::{Engine, Settings};
 use windlass_core::time::TICK;
 
-use crate::latest::Latest;
+use crate::latest::{Latest, Maybe};
 
 /// Values that cross between the tick and thread mode.
 #[derive(Debug)]
 pub struct Crossing {
     /// New settings, thread to tick.
-    pub settings: Latest<Option<Settings>>,
+    pub settings: Latest<Maybe<Settings>>,
     /// New command, thread to tick.
-    pub command: Latest<Option<Command>>,
+    pub command: Latest<Maybe<Command>>,
     /// What the latest tick saw and did, tick to thread.
-    pub snapshot: Latest<Option<Snapshot>>,
+    pub snapshot: Latest<Maybe<Snapshot>>,
     ticks: AtomicU32,
 }
 
@@ -26,9 +26,9 @@ impl Crossing {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            settings: Latest::new(None),
-            command: Latest::new(None),
-            snapshot: Latest::new(None),
+            settings: Latest::empty(),
+            command: Latest::empty(),
+            snapshot: Latest::empty(),
             ticks: AtomicU32::new(0),
         }
     }
@@ -62,8 +62,8 @@ impl Default for Crossing {
 #[derive(Debug)]
 pub struct Control {
     engine: Engine,
-    settings: Option<Settings>,
-    command: Option<Command>,
+    settings: Maybe<Settings>,
+    command: Maybe<Command>,
 }
 
 impl Control {
@@ -72,8 +72,8 @@ impl Control {
     pub const fn new() -> Self {
         Self {
             engine: Engine::new(),
-            settings: None,
-            command: None,
+            settings: Maybe::Nothing,
+            command: Maybe::Nothing,
         }
     }
 
@@ -82,16 +82,17 @@ impl Control {
     pub fn tick(&mut self, crossing: &Crossing, sample: &Sample) -> Actuation {
         crossing.skip();
         if let Some(settings) = crossing.settings.take() {
-            self.settings = Some(settings);
+            self.settings = Maybe::Just(settings);
         }
         if let Some(command) = crossing.command.take() {
-            self.command = Some(command);
+            self.command = Maybe::Just(command);
         }
-        let (Some(settings), Some(command)) = (&self.settings, &self.command) else {
+        let (Some(settings), Some(command)) = (self.settings.as_ref(), self.command.as_ref())
+        else {
             return Actuation::Off;
         };
         let snapshot = self.engine.tick(settings, sample, command);
-        crossing.snapshot.put(Some(snapshot));
+        crossing.snapshot.offer(snapshot);
         snapshot.actuation
     }
 }
@@ -126,8 +127,8 @@ mod tests {
         assert_eq!(crossing.snapshot.take(), None);
         let policy = DialectKind::Dmc60c.policy();
         let settings = compile::settings(&Params::default(), &Board::REFERENCE, &policy);
-        crossing.settings.put(Some(settings));
-        crossing.command.put(Some(Command::default()));
+        crossing.settings.offer(settings);
+        crossing.command.offer(Command::default());
         for _ in 0..100 {
             control.tick(&crossing, &sample());
         }

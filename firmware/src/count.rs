@@ -1,6 +1,6 @@
-//! Counting in the tick: a position of 32 bits from a hardware counter of 16, and edges of a pin.
+//! Counting in the tick: a position of 32 bits from a hardware counter of 16, edges of a pin, and pulses.
 
-use windlass_core::engine::snapshot::IndexCapture;
+use windlass_core::engine::snapshot::{IndexCapture, Pulse};
 
 /// Follows a quadrature counter of 16 bits, which has to be read at least once every 32,767 counts: once a
 /// tick is enough up to 65 million counts per second.
@@ -41,7 +41,7 @@ impl Position {
 /// so a level that lasts for less than a tick is missed: good for 1000 edges a second.
 #[derive(Clone, Copy, Debug)]
 pub struct Rises {
-    level: bool,
+    low: bool,
     edges: u16,
 }
 
@@ -50,17 +50,17 @@ impl Rises {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            level: true,
+            low: false,
             edges: 0,
         }
     }
 
     /// Edges so far, wrapping, with this level now.
     pub fn follow(&mut self, level: bool) -> u16 {
-        if level && !self.level {
+        if level && self.low {
             self.edges = self.edges.wrapping_add(1);
         }
-        self.level = level;
+        self.low = !level;
         self.edges
     }
 }
@@ -71,9 +71,59 @@ impl Default for Rises {
     }
 }
 
+/// Counts RC-PWM pulses from what a timer has captured.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pulses {
+    started: bool,
+    pulse: Pulse,
+}
+
+impl Pulses {
+    /// No pulse yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            started: false,
+            pulse: Pulse {
+                width_us: 0,
+                count: 0,
+            },
+        }
+    }
+
+    /// The latest pulse, after a tick in which the timer shows that it has `risen` at any time, and perhaps the width
+    /// of a pulse that has ended. An end whose beginning nobody saw, at power-on, is no pulse.
+    pub fn follow(&mut self, risen: bool, width_us: Option<u16>) -> Pulse {
+        self.started |= risen;
+        if let (true, Some(width_us)) = (self.started, width_us) {
+            self.pulse = Pulse {
+                width_us,
+                count: self.pulse.count.wrapping_add(1),
+            };
+        }
+        self.pulse
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pulse_counts_when_it_ends_and_only_if_it_was_seen_to_begin() {
+        let mut pulses = Pulses::new();
+        let mut follow = |risen, width| {
+            let Pulse { width_us, count } = pulses.follow(risen, width);
+            (width_us, count)
+        };
+        assert_eq!(follow(false, None), (0, 0));
+        // High since before the timer has started.
+        assert_eq!(follow(false, Some(1234)), (0, 0));
+        assert_eq!(follow(true, None), (0, 0));
+        assert_eq!(follow(true, Some(1500)), (1500, 1));
+        assert_eq!(follow(true, None), (1500, 1));
+        assert_eq!(follow(true, Some(1500)), (1500, 2));
+    }
 
     #[test]
     fn only_rising_edges_are_counted() {

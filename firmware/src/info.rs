@@ -1,5 +1,7 @@
 //! What the application is: the information block in its page 0, and what its bootloader passes on.
 
+use core::ptr;
+
 use windlass_core::boot::image::{INFO_LENGTH, Identity, InfoBlock};
 use windlass_core::engine;
 use windlass_core::node::PRODUCT_DMC60C;
@@ -31,8 +33,11 @@ static INFO: [u8; INFO_LENGTH] = InfoBlock {
 
 /// The version that stands in flash: a tool may have changed it there.
 fn version() -> u16 {
-    // SAFETY: a reference to a static is valid for reads.
-    let bytes = unsafe { (&raw const INFO).read_volatile() };
+    let mut bytes = [0; INFO_LENGTH];
+    for (byte, place) in bytes.iter_mut().zip(&INFO) {
+        // SAFETY: a reference to a static is valid for reads.
+        *byte = unsafe { ptr::from_ref(place).read_volatile() };
+    }
     InfoBlock::parse(&bytes).map_or(VERSION, |info| info.identity.version)
 }
 

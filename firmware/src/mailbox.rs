@@ -11,7 +11,7 @@ use heapless::Deque;
 use windlass_core::frame::Frame;
 use windlass_core::node::{Attempts, TxOutcome};
 
-use crate::latest::Latest;
+use crate::latest::{Latest, Maybe};
 use crate::port::BusEvent;
 
 /// Frames that may wait for thread mode: 1.5 ms of a saturated bus of 1 Mbit/s.
@@ -91,41 +91,19 @@ pub struct Mailbox {
     received: Mutex<RefCell<Deque<Frame, WAITING>>>,
     /// Frames that found no place, here or in the controller.
     dropped: AtomicU32,
+    /// Error frames that the controller has seen.
+    errors: AtomicU32,
     /// How often the transmission on its way may still be destroyed.
     on_the_way: Latest<Maybe<Attempts>>,
     /// How the latest transmission ended.
     ended: Latest<Maybe<TxOutcome>>,
 }
 
-/// An option that is all zeros while it is empty, so that an empty mailbox takes up no flash.
-#[derive(Clone, Copy, Debug)]
-struct Maybe<T> {
-    present: bool,
-    value: T,
+/// Only the controller's interrupts count, which do not interrupt each other.
+fn count_up(counter: &AtomicU32) {
+    let count = counter.load(Ordering::Relaxed);
+    counter.store(count.wrapping_add(1), Ordering::Relaxed);
 }
-
-impl<T: Copy> Maybe<T> {
-    const fn none(zero: T) -> Self {
-        Self {
-            present: false,
-            value: zero,
-        }
-    }
-
-    const fn some(value: T) -> Self {
-        Self {
-            present: true,
-            value,
-        }
-    }
-
-    fn get(self) -> Option<T> {
-        self.present.then_some(self.value)
-    }
-}
-
-const NOTHING_ON_THE_WAY: Maybe<Attempts> = Maybe::none(Attempts::UntilSent);
-const NOT_ENDED: Maybe<TxOutcome> = Maybe::none(TxOutcome::Sent);
 
 impl Mailbox {
     /// An empty mailbox.
@@ -134,8 +112,9 @@ impl Mailbox {
         Self {
             received: Mutex::new(RefCell::new(Deque::new())),
             dropped: AtomicU32::new(0),
-            on_the_way: Latest::new(NOTHING_ON_THE_WAY),
-            ended: Latest::new(NOT_ENDED),
+            errors: AtomicU32::new(0),
+            on_the_way: Latest::empty(),
+            ended: Latest::empty(),
         }
     }
 
@@ -153,9 +132,17 @@ impl Mailbox {
 
     /// The controller has lost a frame.
     pub fn count_drop(&self) {
-        let dropped = self.dropped.load(Ordering::Relaxed);
-        self.dropped
-            .store(dropped.wrapping_add(1), Ordering::Relaxed);
+        count_up(&self.dropped);
+    }
+
+    /// The controller has seen an error frame, its own or another's.
+    pub fn count_error(&self) {
+        count_up(&self.errors);
+    }
+
+    /// Error frames since power-on; wraps.
+    pub fn errors(&self) -> u32 {
+        self.errors.load(Ordering::Relaxed)
     }
 
     /// Frames lost since power-on; wraps.
@@ -165,7 +152,7 @@ impl Mailbox {
 
     /// A transmission starts.
     pub fn start(&self, attempts: Attempts) {
-        self.on_the_way.put(Maybe::some(attempts));
+        self.on_the_way.offer(attempts);
     }
 
     /// An attempt has ended; true if it is to be repeated.
@@ -175,12 +162,12 @@ impl Mailbox {
         };
         match attempt.then(attempts) {
             Ok(left) => {
-                self.on_the_way.put(Maybe::some(left));
+                self.on_the_way.offer(left);
                 true
             }
             Err(outcome) => {
-                self.on_the_way.put(NOTHING_ON_THE_WAY);
-                self.ended.put(Maybe::some(outcome));
+                self.on_the_way.put(Maybe::Nothing);
+                self.ended.offer(outcome);
                 false
             }
         }
@@ -188,13 +175,13 @@ impl Mailbox {
 
     /// The bus is lost: what is on its way is given up without an outcome.
     pub fn flush(&self) {
-        self.on_the_way.put(NOTHING_ON_THE_WAY);
-        self.ended.put(NOT_ENDED);
+        self.on_the_way.put(Maybe::Nothing);
+        self.ended.put(Maybe::Nothing);
     }
 
     /// The next event for thread mode: the end of a transmission before frames.
     pub fn poll(&self) -> Option<BusEvent> {
-        if let Some(outcome) = self.ended.replace(NOT_ENDED).get() {
+        if let Some(outcome) = self.ended.take() {
             return Some(BusEvent::Ended(outcome));
         }
         critical_section::with(|token| {

@@ -58,6 +58,9 @@ pub trait Bus {
 
     /// Received frames that were lost since power-on because nobody took them; wraps.
     fn dropped(&self) -> u32;
+
+    /// Error frames that the controller has seen since it was started; wraps.
+    fn errors(&self) -> u32;
 }
 
 /// A board as thread mode sees it.

@@ -128,6 +128,7 @@ impl Thread {
         self.ticks = ticks;
         let now = board.now();
         self.node.set_dropped(board.bus().dropped());
+        self.node.set_bus_errors(now, board.bus().errors());
         self.node.poll(now, &self.snapshot);
         if board.button_pressed() {
             self.node.press_button(now);
@@ -188,11 +189,11 @@ impl Thread {
     fn publish(&mut self, crossing: &Crossing) {
         if self.settings.as_ref() != Some(self.node.settings()) {
             self.settings = Some(*self.node.settings());
-            crossing.settings.put(self.settings);
+            crossing.settings.offer(*self.node.settings());
         }
         if self.command.as_ref() != Some(self.node.command()) {
             self.command = Some(*self.node.command());
-            crossing.command.put(self.command);
+            crossing.command.offer(*self.node.command());
         }
     }
 

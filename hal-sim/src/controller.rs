@@ -81,6 +81,8 @@ pub(crate) struct Controller {
     pub(crate) received: u64,
     /// Frames that were good on the bus and that this receiver missed.
     pub(crate) lost: u64,
+    /// Error frames since it was initialised.
+    pub(crate) errors: u32,
 }
 
 /// What a change of the counters did to the controller.
@@ -125,6 +127,7 @@ impl Controller {
         self.queue.clear();
         self.suspended_until = 0;
         self.alone_until = NEVER;
+        self.errors = 0;
     }
 
     /// A frame was sent and acknowledged.
@@ -150,6 +153,7 @@ impl Controller {
 
     /// An attempt to send was destroyed by an error frame.
     pub(crate) fn count_transmit_error(&mut self) -> Transition {
+        self.errors = self.errors.wrapping_add(1);
         self.tec += 8;
         self.judge()
     }
@@ -157,6 +161,7 @@ impl Controller {
     /// An attempt to send was acknowledged by nobody. An error-passive transmitter does not count it
     /// (exception A of the standard), so that a lonely controller never goes bus-off.
     pub(crate) fn count_acknowledge_error(&mut self) -> Transition {
+        self.errors = self.errors.wrapping_add(1);
         if self.state == ErrorState::Active {
             self.tec += 8;
         }
@@ -165,6 +170,7 @@ impl Controller {
 
     /// An error frame was seen as a receiver.
     pub(crate) fn count_receive_error(&mut self) -> Transition {
+        self.errors = self.errors.wrapping_add(1);
         // Real counters have 8 bits and stop somewhere above 128; the exact stop is not observable.
         self.rec = (self.rec + 1).min(PASSIVE_FROM + 7);
         self.judge()

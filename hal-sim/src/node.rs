@@ -277,9 +277,15 @@ impl SimNode {
         };
     }
 
-    /// One control tick: the plant moves on to `now` with the last actuation, then the board acts.
-    pub(crate) fn tick(&mut self, now: Instant) {
+    /// One control tick: the plant moves on to `now` with the last actuation, then the board acts. `errors`
+    /// is the CAN controller's count of error frames.
+    pub(crate) fn tick(&mut self, now: Instant, errors: u32) {
         self.now = now;
+        if let Power::On(node) = &mut self.power
+            && !self.hangs
+        {
+            node.set_bus_errors(now, errors);
+        }
         self.warm_up = Vec::new();
         self.rig.advance(self.actuation);
         match &mut self.power {

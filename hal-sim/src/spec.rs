@@ -40,12 +40,10 @@ impl Default for WorldConfig {
 pub struct NodeSpec {
     /// Driving dialect.
     pub dialect: DialectKind,
-    /// Device number, 0 (none assigned) to 63.
+    /// Device number, 0 to the largest of the dialect's
+    /// [`Identity`](windlass_core::management::Identity).
     pub number: u8,
 }
-
-/// Largest device number (DMC60C guide, `vcmdSetDevNumber`).
-const LARGEST_NUMBER: u8 = 63;
 
 /// Why a text is no [`NodeSpec`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -53,11 +51,18 @@ pub enum NodeSpecError {
     /// The part before the colon names no dialect; holds it.
     #[error("no dialect is called '{0}'; this build has {names}", names = names())]
     Dialect(String),
-    /// The part after the colon is no device number; holds it.
+    /// The part after the colon is no device number of the dialect.
     #[error(
-        "'{0}' is no device number; give 0 (none assigned) to {LARGEST_NUMBER}, for example dmc60c:5"
+        "'{text}' is no device number; give 0 to {largest}, for example {name}:5",
+        name = dialect.name(),
+        largest = dialect.identity().last_number
     )]
-    Number(String),
+    Number {
+        /// What was given.
+        text: String,
+        /// The dialect that was named.
+        dialect: DialectKind,
+    },
 }
 
 fn names() -> String {
@@ -76,8 +81,11 @@ impl FromStr for NodeSpec {
         let number = number
             .parse()
             .ok()
-            .filter(|number| *number <= LARGEST_NUMBER)
-            .ok_or_else(|| NodeSpecError::Number(number.to_owned()))?;
+            .filter(|number| *number <= dialect.identity().last_number)
+            .ok_or_else(|| NodeSpecError::Number {
+                text: number.to_owned(),
+                dialect,
+            })?;
         Ok(Self { dialect, number })
     }
 }
@@ -106,7 +114,15 @@ mod tests {
         assert!(
             message("vesc:1").starts_with("no dialect is called 'vesc'; this build has dmc60c")
         );
-        assert!(message("dmc60c:64").starts_with("'64' is no device number"));
+        assert_eq!(
+            message("dmc60c:64"),
+            "'64' is no device number; give 0 to 63, for example dmc60c:5"
+        );
+        assert_eq!(
+            message("talon:63"),
+            "'63' is no device number; give 0 to 62, for example talon:5"
+        );
+        assert!("talon:0".parse::<NodeSpec>().is_ok() && "talon:62".parse::<NodeSpec>().is_ok());
         assert!(message("dmc60c:").starts_with("'' is no device number"));
         assert!(message("dmc60c:-1").starts_with("'-1' is no device number"));
     }

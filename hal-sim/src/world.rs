@@ -278,7 +278,8 @@ impl World {
 
     fn tick(&mut self, index: usize) {
         let node = &mut self.nodes[index];
-        node.tick(instant(self.now));
+        let errors = self.bus.controller(node.station).errors;
+        node.tick(instant(self.now), errors);
         self.rewire(index);
         self.fill_mailbox(index);
     }

@@ -8,6 +8,7 @@ use windlass::client::{
 };
 use windlass::transport::SimBus;
 use windlass_core::dialect::dmc60c::wire::ModeSelect;
+use windlass_core::management::Identity;
 use windlass_core::management::vendor::{Descriptor, PinTest, TestPin};
 use windlass_core::management::wire::ImageType;
 use windlass_core::params::table::{Parameter, ParameterId, TABLE};
@@ -115,7 +116,10 @@ fn strings_are_read_back_as_written() {
     let address = only(&mut client);
     let fresh = client.descriptors(address).unwrap();
     for descriptor in Descriptor::ALL {
-        assert_eq!(fresh.text(descriptor), descriptor.default_text());
+        assert_eq!(
+            fresh.text(descriptor),
+            Identity::DMC60C.default_text(descriptor)
+        );
     }
     for descriptor in Descriptor::ALL {
         for text in ["", "A", "abcdefg", "abcdefgh"] {

@@ -5,7 +5,7 @@ mod fake;
 use std::time::Duration;
 
 use fake::{Device, FakeBus, Fate};
-use windlass::client::{Address, Client, Error, Version};
+use windlass::client::{Address, Client, Error, Selector, Version};
 use windlass::flash::{FlashError, Observer, Options, Phase, Report, flash, roll_back};
 use windlass::image::{Format, Image, parse};
 use windlass_core::boot::image::{
@@ -103,7 +103,11 @@ impl Bench {
 
     fn flash(&mut self, image: &Image) -> Result<Report, FlashError> {
         let (number, session) = (self.device().number, self.device().session);
-        let selector = Address { number, session }.into();
+        let selector = Selector {
+            dialect: None,
+            number: Some(number),
+            session: Some(session),
+        };
         let device = self.client.find(&selector)?;
         flash(
             &mut self.client,
@@ -116,7 +120,11 @@ impl Bench {
 
     fn roll_back(&mut self) -> Result<Report, FlashError> {
         let (number, session) = (self.device().number, self.device().session);
-        let selector = Address { number, session }.into();
+        let selector = Selector {
+            dialect: None,
+            number: Some(number),
+            session: Some(session),
+        };
         let device = self.client.find(&selector)?;
         roll_back(&mut self.client, &device, &self.options, &mut self.watch)
     }

@@ -1,15 +1,22 @@
 //! Talon SRX: numbers, several devices, both dialects on one bus, load and errors of the bus. The numbers are
 //! the rows of docs/talon-srx-rows.md.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use windlass::client::talon::ControlMode;
-use windlass::client::{Drive, Selector, Target};
+use windlass::client::{Drive, Selector, Target, Value};
 use windlass::transport::Bus;
+use windlass_core::dialect::DialectKind;
 use windlass_core::dialect::dmc60c::wire::id as dmc60c_id;
+use windlass_core::dialect::talon_srx::PRODUCT_TALON_SRX;
 use windlass_core::dialect::talon_srx::wire::id;
+use windlass_core::frame::Frame;
 use windlass_core::frc_id::base;
 use windlass_core::led::Colour;
+use windlass_core::management::wire::{EnumerateResponse0, VendorCommand};
+use windlass_core::node::PRODUCT_DMC60C;
+use windlass_core::params::table::ParameterId;
 use windlass_sim::{Poke, Source};
 use windlass_tests::talon::{Talon, TalonBench};
 
@@ -82,11 +89,143 @@ fn a_mixed_bus_names_devices_of_the_same_number_by_their_dialect() {
     assert!(find("dmc60c:6").is_err(), "driven by another dialect");
 }
 
+/// Every frame since `from` whose API field belongs to the management channel, by identifier, apart from the
+/// hosts' own.
+fn management_frames(bench: &TalonBench, from: u64) -> BTreeSet<u32> {
+    let entries = bench.world(|world| world.trace_since(from, usize::MAX));
+    entries
+        .into_iter()
+        .filter(|entry| matches!(entry.from, Source::Node(_)))
+        .map(|entry| entry.frame.raw_id())
+        .filter(|raw| raw & 0xFFC0 >= 0xF000)
+        .collect()
+}
+
+#[test]
+fn a_mixed_bus_shows_each_host_its_own_devices_only() {
+    let bench = TalonBench::new(&["talon:5", "dmc60c:5", "dmc60c:0", "talon:0"]);
+    let from = bench.next_frame();
+    bench.inject(Frame::extended(0x0000_0240, []));
+    bench.run(150);
+    assert_eq!(
+        management_frames(&bench, from),
+        BTreeSet::from([0x0204_F000, 0x0204_F005, 0x0206_F000, 0x0206_F005])
+    );
+    // One device for each identifier, and its kind by the product id.
+    let first_answers = |identifier: u32| {
+        let entries = bench.world(|world| world.trace_since(from, usize::MAX));
+        let of_it = entries
+            .into_iter()
+            .filter(move |entry| entry.frame.raw_id() == identifier);
+        of_it
+            .filter_map(|entry| EnumerateResponse0::parse(&entry.frame))
+            .collect::<Vec<_>>()
+    };
+    for (identifier, product) in [
+        (0x0204_F000, PRODUCT_TALON_SRX),
+        (0x0204_F005, PRODUCT_TALON_SRX),
+        (0x0206_F000, PRODUCT_DMC60C),
+        (0x0206_F005, PRODUCT_DMC60C),
+    ] {
+        let products: Vec<u32> = first_answers(identifier)
+            .iter()
+            .map(|answer| answer.product_id)
+            .collect();
+        assert_eq!(products, [product], "{identifier:#x}");
+    }
+    // A DMC60C host that knows a Talon's session even so gets no answer, and the other way round.
+    let session = |identifier| first_answers(identifier)[0].session;
+    for (session, base, own) in [
+        (session(0x0204_F005), 0x0206_FC05, 0x0204_FC05),
+        (session(0x0206_F005), 0x0204_FC05, 0x0206_FC05),
+    ] {
+        let question = VendorCommand {
+            session,
+            command: 0x61,
+            param1: 0,
+            param2: 0,
+        };
+        let ask = |identifier| {
+            let from = bench.next_frame();
+            bench.inject(question.emit(5).with_extended_id(identifier));
+            bench.run(20);
+            management_frames(&bench, from)
+        };
+        assert_eq!(ask(base), BTreeSet::new());
+        assert_eq!(ask(own), BTreeSet::from([own + 0x80, own + 0xC0]));
+    }
+}
+
+#[test]
+fn devices_of_one_number_and_different_dialects_never_send_one_identifier() {
+    let bench = TalonBench::new(&["talon:5", "dmc60c:5"]);
+    let from = bench.next_frame();
+    for round in 0..50 {
+        bench.inject(Frame::extended(0x0000_0240, []));
+        bench.run_us(20_000 + round * 37);
+    }
+    let mut senders: BTreeMap<u32, BTreeSet<usize>> = BTreeMap::new();
+    for entry in bench.world(|world| world.trace_since(from, usize::MAX)) {
+        if let Source::Node(index) = entry.from {
+            let raw = entry.frame.raw_id();
+            senders.entry(raw).or_default().insert(index);
+        }
+    }
+    assert!(senders.len() > 8, "{senders:?}");
+    assert!(
+        senders.values().all(|nodes| nodes.len() == 1),
+        "{senders:?}"
+    );
+    assert_eq!(bench.world(|world| world.bus().error_frames), 0);
+}
+
+#[test]
+fn a_talon_becomes_a_dmc60c_and_back_by_its_parameter_and_a_restart() {
+    let bench = TalonBench::new(&["talon:0"]);
+    let become_ = |dialect: DialectKind| {
+        bench.robot.lend(|client| {
+            let device = client.scan().unwrap()[0];
+            let value = Value {
+                parameter: ParameterId::Dialect,
+                raw: dialect.code(),
+            };
+            client.set_parameter(device.address, value).unwrap();
+            // The acknowledgement comes under the new manufacturer.
+            let address = client.soft_reset(device.address).unwrap();
+            assert_eq!(address.manufacturer, dialect.identity().manufacturer);
+            assert_eq!(client.dialect(address).unwrap(), Some(dialect));
+            client.firmware_versions(address).unwrap();
+            address
+        })
+    };
+    let address = become_(DialectKind::Dmc60c);
+    let renumbered = bench
+        .robot
+        .lend(|client| client.set_device_number(address, 63).unwrap());
+    assert_eq!(renumbered.number, 63);
+    // A Talon cannot have the number 63, which addresses all of them: it has its factory number then.
+    bench.robot.lend(|client| {
+        let value = Value {
+            parameter: ParameterId::Dialect,
+            raw: DialectKind::TalonSrx.code(),
+        };
+        client.set_parameter(renumbered, value).unwrap();
+        assert!(client.soft_reset(renumbered).is_err(), "answers under 0");
+    });
+    let devices = bench.robot.lend(|client| client.scan()).unwrap();
+    let found: Vec<_> = devices
+        .iter()
+        .map(|device| (device.address.number, device.product_id))
+        .collect();
+    assert_eq!(found, [(0, Some(PRODUCT_TALON_SRX))]);
+}
+
 #[test]
 fn every_node_is_listed_once_whatever_its_dialect() {
     let bench = TalonBench::new(&["talon:3", "dmc60c:3", "talon:4", "dmc60c:7"]);
     let devices = bench.robot.lend(|client| client.scan()).unwrap();
     let numbers: Vec<u8> = devices.iter().map(|device| device.address.number).collect();
+    // Numbers in ascending order, and of one number by the session.
     assert_eq!(numbers, [3, 3, 4, 7]);
 }
 
@@ -121,6 +260,51 @@ fn row_01_a_new_number_acts_at_once_and_is_kept_over_a_power_cycle() {
     assert_eq!(bench.throttle(0), 511);
     assert!(!old.applied_throttle().is_fresh());
     assert_eq!(new.applied_throttle().fresh().unwrap(), 511);
+}
+
+#[test]
+fn row_01_the_numbers_0_to_62_can_be_given_and_63_is_refused_by_host_and_device() {
+    let bench = TalonBench::new(&["talon:3"]);
+    for number in [62, 0] {
+        bench.robot.lend(|client| {
+            let device = client.scan().unwrap()[0];
+            let address = client.set_device_number(device.address, number).unwrap();
+            assert_eq!(address.number, number);
+        });
+        bench.world(|world| world.power_cycle(0));
+        bench.run(300);
+        assert_eq!(bench.truth(0).number, number, "kept");
+        let talon = bench.talon(number);
+        bench.robot.enable().unwrap();
+        talon.set(0.5).unwrap();
+        bench.run(100);
+        assert_eq!(bench.throttle(0), 511);
+        bench.robot.disable().unwrap();
+        talon.disable().unwrap();
+        bench.run(50);
+    }
+    let address = bench.robot.lend(|client| client.scan()).unwrap()[0].address;
+    let from = bench.next_frame();
+    let refused = bench
+        .robot
+        .lend(|client| client.set_device_number(address, 63));
+    assert!(refused.unwrap_err().to_string().contains("0 to 62"));
+    assert_eq!(
+        bench.frames(from, 0x0204_FC00, 0).len(),
+        0,
+        "nothing is sent"
+    );
+    let command = VendorCommand {
+        session: address.session,
+        command: 0x01,
+        param1: 63,
+        param2: 0,
+    };
+    bench.inject(command.emit(0).with_extended_id(0x0204_FC00));
+    bench.run(20);
+    let answer = bench.frames(from, 0x0204_FCC0, 0)[0].frame;
+    assert_eq!(answer.data(), [2, 0, 0, 0], "cercBadParameter");
+    assert_eq!(bench.truth(0).number, 0);
 }
 
 #[test]
@@ -232,7 +416,6 @@ fn row_65_sixteen_talons_at_10_ms_use_57_to_69_percent_of_the_bus() {
 }
 
 #[test]
-#[ignore = "the controller does not tell the node about error frames yet"]
 fn row_68_one_error_frame_blinks_every_unit_red_once_and_leaves_the_drive_alone() {
     let bench = TalonBench::new(&["talon:3", "talon:4"]);
     let talons = [bench.talon(3), bench.talon(4)];

@@ -43,7 +43,13 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "ST's three-phase motor board with an STM32G431CB, two phases used as H-bridge",
         budgeted: true,
         map: "firmware/memory/stm32g431cb.x",
-        handlers: &[&["FDCAN1_IT0"], &["TIM4"], &["TIM7"], &["PVD_PVM"]],
+        handlers: &[
+            &["FDCAN1_IT0"],
+            &["TIM4"],
+            &["TIM7"],
+            &["PVD_PVM"],
+            &["NonMaskableInt"],
+        ],
         probe_chip: Some("STM32G431CBUx"),
     },
     Board {
@@ -51,7 +57,13 @@ pub(crate) const BOARDS: [Board; 4] = [
         about: "NUCLEO-G474RE with CAN transceiver, H-bridge and encoder",
         budgeted: true,
         map: "firmware/memory/stm32g474re.x",
-        handlers: &[&["FDCAN1_IT0"], &["TIM2"], &["TIM7_DAC"], &["PVD_PVM"]],
+        handlers: &[
+            &["FDCAN1_IT0"],
+            &["TIM2"],
+            &["TIM7_DAC"],
+            &["PVD_PVM"],
+            &["NonMaskableInt"],
+        ],
         probe_chip: Some("STM32G474RETx"),
     },
     Board {

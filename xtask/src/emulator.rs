@@ -1,6 +1,7 @@
 //! `cargo xtask qemu-test`: the firmware in QEMU, driven by a Python client.
 
 use std::env;
+use std::fs;
 use std::path::Path;
 use std::process::Command;
 
@@ -37,28 +38,46 @@ pub(crate) fn qemu(elf: &Path) -> Command {
     qemu
 }
 
+/// What the tests have measured: lines of a name and a number.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Figures(Vec<(String, f64)>);
+
+impl Figures {
+    fn parse(text: &str) -> Self {
+        let figure = |line: &str| {
+            let (name, value) = line.split_once(' ')?;
+            Some((name.to_owned(), value.parse().ok()?))
+        };
+        Self(text.lines().filter_map(figure).collect())
+    }
+
+    /// The largest of a name; 0 if there is none.
+    pub(crate) fn most(&self, name: &str) -> f64 {
+        let of_name = self.0.iter().filter(|(candidate, _)| candidate == name);
+        of_name.fold(0.0, |most, (_, value)| value.max(most))
+    }
+}
+
 /// Builds the image of the emulated board and runs the Python tests against it. `names` are unittest
 /// names; none runs all.
 pub(crate) fn test(names: &[String]) -> Result<(), Error> {
     require()?;
     let toolchain = Toolchain::find()?;
     let board = board::find(board::EMULATED)?;
-    let elf = build(&toolchain, &board, APPLICATION)?;
-    test_image(&toolchain, &board, &elf, names, None)
+    let image = Image::read(&build(&toolchain, &board, APPLICATION)?)?;
+    test_image(&toolchain, &board, &image, names).map(|_| ())
 }
 
-/// Runs the Python tests against an application and the bootloader, which is built. Each test appends the high-water
-/// mark of the stack to the file `stack`, if there is one.
+/// Runs the Python tests against an application and the bootloader, which is built, and gives what they have measured.
 pub(crate) fn test_image(
     toolchain: &Toolchain,
     board: &Board,
-    elf: &Path,
+    image: &Image,
     names: &[String],
-    stack: Option<&Path>,
-) -> Result<(), Error> {
+) -> Result<Figures, Error> {
     require()?;
     let bootloader = build(toolchain, board, BOOTLOADER)?;
-    let files = Files::write(elf, &Image::read(elf)?, &Image::read(&bootloader)?, board)?;
+    let files = Files::write(image.path(), image, &Image::read(&bootloader)?, board)?;
     let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let mut modules = Command::new(&python);
     modules.args(["-c", "import can, serial"]);
@@ -67,23 +86,43 @@ pub(crate) fn test_image(
         &mut modules,
         "install Python, then `pip install python-can pyserial`",
     )?;
+    let figures = image.path().with_extension("figures");
+    let failed = |cause| Error::File {
+        path: figures.clone(),
+        cause,
+    };
+    fs::write(&figures, "").map_err(failed)?;
     let mut tests = Command::new(&python);
     tests
         .current_dir(crate::root().join("firmware/emulation"))
-        .env("WINDLASS_IMAGE", elf)
+        .env("WINDLASS_IMAGE", image.path())
         .env("WINDLASS_BOOTLOADER", bootloader)
         .env("WINDLASS_SLOT", files.slot)
         .env("WINDLASS_BINARY", files.binary)
         .env("WINDLASS_XTASK", env::current_exe().unwrap_or_default())
+        .env("WINDLASS_FIGURES", &figures)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
-    if let Some(stack) = stack {
-        tests.env("WINDLASS_STACK", stack);
-    }
     if names.is_empty() {
         tests.args(["test_firmware", "test_bootloader"]);
     } else {
         tests.args(names);
     }
-    checked("the emulator test", &mut tests, "is Python installed?")
+    checked("the emulator test", &mut tests, "is Python installed?")?;
+    fs::read_to_string(&figures)
+        .map(|text| Figures::parse(&text))
+        .map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_figure_of_a_name_counts() {
+        let figures = Figures::parse("stack 100\njitter 1.94\nstack 4000\nbroken\n");
+        assert_eq!(figures.most("stack"), 4000.0);
+        assert_eq!(figures.most("jitter"), 1.94);
+        assert_eq!(figures.most("broken"), 0.0);
+    }
 }

@@ -8,6 +8,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, elf};
 
 use crate::board::Board;
 use crate::error::Error;
+use crate::stack::Bound;
 
 /// Flash starts here on every STM32.
 const FLASH_START: u64 = 0x0800_0000;
@@ -218,10 +219,14 @@ pub(crate) fn report(image: &Image, board: &Board, part: Part) -> Result<(), Err
         });
     }
     let (flash, ram) = (image.flash(), image.ram());
-    let stack = image.symbol("_stack_start")? - image.symbol("_stack_end")?;
+    let stack = Bound::of(image, board, part)?;
     println!("flash   {flash:>6} of {flash_budget} bytes budgeted, {length} in the region");
     println!("RAM     {ram:>6} of {ram_budget} bytes budgeted, static");
-    println!("stack   {stack:>6} bytes reserved");
+    println!(
+        "stack   {:>6} of {} bytes reserved, in the worst case (`cargo xtask stack`)",
+        stack.total, stack.region
+    );
+    stack.check()?;
     if flash > length {
         return Err(Error::TooLarge {
             what: format!("{flash} of {length} bytes of {}", part.region()),

@@ -40,17 +40,17 @@ enum Command {
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
     },
-    /// Counts the instructions of the core's hot paths in QEMU
+    /// Counts the instructions of the core's hot paths in QEMU, and the jitter of the tick under a flood of frames
     Measure,
     /// Compares a million ticks of the engine here with those on an emulated Cortex-M4
     Trace,
     /// Proves by linking that no function of the core can panic
     NoPanic,
-    /// Prints how much stack the firmware can need and, of the board `qemu`, was seen to need
+    /// Prints how much stack bootloader and application can need and, of the board `qemu`, were seen to need
     Stack {
-        /// Board to look at
-        #[arg(long, default_value = board::EMULATED)]
-        board: String,
+        /// Board to look at; all by default
+        #[arg(long)]
+        board: Option<String>,
     },
     /// Decodes the log of an image: raw frames on standard input become lines
     Log {
@@ -71,7 +71,7 @@ fn main() -> ExitCode {
         Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
-        Command::Stack { board } => stack::run(&board),
+        Command::Stack { board } => stack::run(board.as_deref()),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

@@ -1,4 +1,4 @@
-//! `cargo xtask measure`: instructions of the core's hot paths on an emulated Cortex-M4.
+//! `cargo xtask measure`: instructions of the core's hot paths on an emulated Cortex-M4, and the jitter of the tick.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,12 +7,15 @@ use std::process::Command;
 use crate::board;
 use crate::emulator::{self, QEMU};
 use crate::error::Error;
-use crate::firmware::{build, checked};
+use crate::firmware::{APPLICATION, build, checked};
 use crate::image::Image;
 use crate::toolchain::Toolchain;
 
 /// The program that calls what is measured.
 const PROGRAM: &str = "windlass-measure";
+
+/// Floods the firmware with frames and measures the jitter of its tick.
+const JITTER_TEST: &str = "test_firmware.Flood";
 
 /// Something that is measured: its function's symbol, what it is, and its budget for mean and worst.
 struct Subject {
@@ -119,6 +122,18 @@ pub(crate) fn run() -> Result<(), Error> {
         };
         println!("{}", line(subject, count));
     }
+    jitter(&toolchain)
+}
+
+/// Prints how punctual the tick of the whole firmware is while frames come without end.
+fn jitter(toolchain: &Toolchain) -> Result<(), Error> {
+    let board = board::find(board::EMULATED)?;
+    let image = Image::read(&build(toolchain, &board, APPLICATION)?)?;
+    let figures = emulator::test_image(toolchain, &board, &image, &[JITTER_TEST.to_owned()])?;
+    println!(
+        "\nstart of the tick under a flood of frames: {:.2} us between the earliest and the latest",
+        figures.most("jitter")
+    );
     Ok(())
 }
 

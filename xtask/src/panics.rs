@@ -70,9 +70,7 @@ fn link(toolchain: &Toolchain, folder: &Path, script: Option<&Path>) -> Result<(
         .arg(format!("board-{}", board.name));
     // Without this, small functions are compiled only where they are called, and some are called by nobody
     // here.
-    command
-        .env("RUSTC_BOOTSTRAP", "1")
-        .env("RUSTFLAGS", "-Zcross-crate-inline-threshold=never");
+    command.env("RUSTFLAGS", "-Zcross-crate-inline-threshold=never");
     if let Some(script) = script {
         command
             .arg("--")

@@ -1,15 +1,12 @@
-//! `cargo xtask stack`: how much stack the firmware can need, and how much it was seen to need.
-
-use std::fs;
-use std::path::Path;
+//! How much stack an image can need, and how much the emulated one was seen to need.
 
 use crate::board::{self, Board};
 use crate::calls::{CallGraph, Depth};
 use crate::emulator;
 use crate::error::Error;
-use crate::firmware::{APPLICATION, checked, select};
-use crate::image::Image;
-use crate::toolchain::{TARGET, Toolchain};
+use crate::firmware::{APPLICATION, BOOTLOADER, build};
+use crate::image::{Image, Part};
+use crate::toolchain::Toolchain;
 
 /// What the processor pushes for an interrupt, with floating-point registers and alignment (ARMv7-M
 /// Architecture Reference Manual, B1.5.7): 26 words, aligned to 8 bytes.
@@ -17,83 +14,109 @@ const EXCEPTION_FRAME: u64 = 112;
 /// Tests that are run for the high-water mark.
 const TESTS: [&str; 1] = ["test_firmware.Management"];
 
-/// Prints the static figure of a board, and what was seen of the emulated one; more than the region is an error.
-pub(crate) fn run(name: &str) -> Result<(), Error> {
-    let board = board::find(name)?;
-    let toolchain = Toolchain::find()?;
-    let folder = crate::root().join("target/firmware/stack").join(board.name);
-    let mut command = toolchain.cargo("build", &folder);
-    command
-        .env("RUSTC_BOOTSTRAP", "1")
-        .env("RUSTFLAGS", "-Zemit-stack-sizes");
-    select(&mut command, &board, APPLICATION);
-    checked("cargo", &mut command, "is the toolchain complete?")?;
-    let elf = folder.join(TARGET).join("firmware").join(APPLICATION);
-    let image = Image::read(&elf)?;
-    let region = image.symbol("_stack_start")? - image.symbol("_stack_end")?;
-    let graph = CallGraph::read(&elf)?;
-    let depth = |name: &str| {
-        graph.depth(name).ok_or_else(|| Error::Image {
-            path: elf.clone(),
+/// The deepest chains of an image.
+pub(crate) struct Bound {
+    /// Thread mode and one handler of each interrupt priority, lowest first.
+    levels: Vec<(&'static str, Depth)>,
+    /// Bytes of all of them, with what the processor pushes.
+    pub(crate) total: u64,
+    /// Bytes that are reserved.
+    pub(crate) region: u64,
+}
+
+impl Bound {
+    /// Adds up an image: thread mode, and on top of it the deepest handler of each interrupt priority. A bootloader
+    /// has not all of the board's handlers.
+    pub(crate) fn of(image: &Image, board: &Board, part: Part) -> Result<Self, Error> {
+        let graph = CallGraph::read(image.path())?;
+        let missing = |name: &str| Error::Image {
+            path: image.path().to_owned(),
             what: format!("it has no function {name}"),
-        })
-    };
-    let mut total = show("thread mode", &depth("main")?);
-    for handlers in board.handlers {
-        let mut deepest = 0;
-        for handler in *handlers {
-            deepest = deepest.max(show(handler, &depth(handler)?));
+        };
+        let mut levels = vec![(
+            "thread mode",
+            graph.depth("main").ok_or_else(|| missing("main"))?,
+        )];
+        for handlers in board.handlers {
+            let mut deepest: Option<(&'static str, Depth)> = None;
+            for handler in *handlers {
+                let Some(depth) = graph.depth(handler) else {
+                    if part == Part::Application {
+                        return Err(missing(handler));
+                    }
+                    continue;
+                };
+                if deepest
+                    .as_ref()
+                    .is_none_or(|(_, most)| depth.bytes > most.bytes)
+                {
+                    deepest = Some((handler, depth));
+                }
+            }
+            levels.extend(deepest);
         }
-        total += deepest + EXCEPTION_FRAME;
+        let pushed = EXCEPTION_FRAME * (levels.len() as u64 - 1);
+        Ok(Self {
+            total: levels.iter().map(|(_, depth)| depth.bytes).sum::<u64>() + pushed,
+            levels,
+            region: image.symbol("_stack_start")? - image.symbol("_stack_end")?,
+        })
     }
-    println!("static worst case {total} bytes (with {EXCEPTION_FRAME} pushed for each interrupt)");
-    if board.name == board::EMULATED {
-        println!(
-            "high-water mark   {} bytes",
-            high_water(&toolchain, &board, &folder, &elf)?
-        );
-    } else {
-        println!("high-water mark   not known: this board is not emulated");
+
+    /// An error if the stack does not suffice.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        if self.total <= self.region {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            what: format!("stack {} of {} bytes", self.total, self.region),
+        })
     }
-    println!("region            {region} bytes");
-    if total > region {
-        return Err(Error::TooLarge {
-            what: format!("stack {total} of {region} bytes"),
-        });
+}
+
+/// Prints the static figures of a board's programs, and what was seen of the emulated one; more than the region is an
+/// error. Without a name, of all boards.
+pub(crate) fn run(name: Option<&str>) -> Result<(), Error> {
+    let toolchain = Toolchain::find()?;
+    let boards = match name {
+        Some(name) => vec![board::find(name)?],
+        None => board::BOARDS.to_vec(),
+    };
+    for board in boards {
+        for (program, part) in [
+            (BOOTLOADER, Part::Bootloader),
+            (APPLICATION, Part::Application),
+        ] {
+            let image = Image::read(&build(&toolchain, &board, program)?)?;
+            let bound = Bound::of(&image, &board, part)?;
+            println!("{} {program}", board.name);
+            for (level, depth) in &bound.levels {
+                show(level, depth);
+            }
+            println!(
+                "  static worst case {} bytes (with {EXCEPTION_FRAME} pushed for each interrupt) of {}",
+                bound.total, bound.region
+            );
+            bound.check()?;
+            if part == Part::Application && board.name == board::EMULATED {
+                println!(
+                    "  high-water mark   {} bytes",
+                    high_water(&toolchain, &board, &image)?
+                );
+            }
+        }
     }
     Ok(())
 }
 
 /// The most that the emulator's tests have needed.
-fn high_water(
-    toolchain: &Toolchain,
-    board: &Board,
-    folder: &Path,
-    elf: &Path,
-) -> Result<u64, Error> {
-    let seen = folder.join("high-water.txt");
-    let failed = |cause| Error::File {
-        path: seen.clone(),
-        cause,
-    };
-    fs::write(&seen, "").map_err(failed)?;
-    emulator::test_image(
-        toolchain,
-        board,
-        elf,
-        &TESTS.map(str::to_owned),
-        Some(&seen),
-    )?;
-    let text = fs::read_to_string(&seen).map_err(failed)?;
-    Ok(text
-        .lines()
-        .filter_map(|line| line.parse().ok())
-        .max()
-        .unwrap_or(0))
+fn high_water(toolchain: &Toolchain, board: &Board, image: &Image) -> Result<f64, Error> {
+    let figures = emulator::test_image(toolchain, board, image, &TESTS.map(str::to_owned))?;
+    Ok(figures.most("stack"))
 }
 
-fn show(name: &str, depth: &Depth) -> u64 {
-    println!("{name}: {} bytes", depth.bytes);
+fn show(name: &str, depth: &Depth) {
+    println!("  {name}: {} bytes", depth.bytes);
     for (function, frame) in depth.chain.iter().filter(|(_, frame)| *frame >= 100) {
         println!("    {frame:>5} {:#}", rustc_demangle::demangle(function));
     }
@@ -107,5 +130,4 @@ fn show(name: &str, depth: &Depth) -> u64 {
             println!("    {what}: {}", names.join(", "));
         }
     }
-    depth.bytes
 }

@@ -24,6 +24,9 @@ const FOREIGN: [&str; 7] = [
     "RUSTC_WRAPPER",
 ];
 
+/// Makes the compiler note the stack frame of every function, in a section that is not part of the image.
+const STACK_SIZES: &str = "-Zemit-stack-sizes";
+
 /// How the target's library comes about.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Library {
@@ -96,15 +99,16 @@ impl Toolchain {
         command
             .current_dir(crate::root())
             .env("RUSTC", self.sysroot.join("bin/rustc"))
+            // A released compiler notes stack frames and builds its library's sources only when it is told that this
+            // is meant.
+            .env("RUSTC_BOOTSTRAP", "1")
+            .env("RUSTFLAGS", STACK_SIZES)
             .arg(verb)
             .args(["--target", TARGET])
             .arg("--target-dir")
             .arg(folder);
         if let Library::Built { linker } = self.library {
-            // The library's sources are those of a released compiler, which builds them only when it
-            // is told that this is meant.
             command
-                .env("RUSTC_BOOTSTRAP", "1")
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker)
                 .arg("-Zbuild-std=core");
         }
@@ -165,6 +169,8 @@ pub(crate) fn in_path(program: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsStr;
+
     use super::*;
 
     /// Chooses between rustup's and Debian's toolchain; the arguments name what has the library and the sources.
@@ -194,15 +200,19 @@ mod tests {
         let (command, arguments) = arguments(&toolchain);
         assert_eq!(command.get_program(), "/rustup/bin/cargo");
         assert!(arguments.contains(&TARGET.to_owned()));
-        assert!(!arguments.iter().any(|argument| argument.contains("-Z")));
+        assert!(
+            !arguments
+                .iter()
+                .any(|argument| argument.contains("-Zbuild-std"))
+        );
         let variable = |name: &str| command.get_envs().find(|(key, _)| *key == name);
         let compiler = variable("RUSTC").and_then(|(_, value)| value);
         assert_eq!(compiler.unwrap(), "/rustup/bin/rustc");
         assert_eq!(variable("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER"), None);
-        assert_eq!(variable("RUSTC_BOOTSTRAP"), None);
         // Nothing of the toolchain that runs this very program may leak into it.
         for name in FOREIGN {
-            assert_eq!(variable(name).map(|(_, value)| value), Some(None), "{name}");
+            let own = (name == "RUSTFLAGS").then(|| OsStr::new(STACK_SIZES));
+            assert_eq!(variable(name).map(|(_, value)| value), Some(own), "{name}");
         }
     }
 

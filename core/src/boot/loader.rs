@@ -20,8 +20,10 @@ use crate::engine::command::Neutral;
 use crate::frame::Frame;
 use crate::led::{self, IDENTIFY_TIME, Indication, Leds, Style};
 use crate::management::vendor::{CommandCode, Descriptor};
-use crate::management::wire::{FirmwareVersions, ImageType, MAX_DEVICE_NUMBER};
-use crate::management::{Answer, Decoded, ENUMERATION_ATTEMPTS, Management, Request, SessionIds};
+use crate::management::wire::{FirmwareVersions, ImageType};
+use crate::management::{
+    Answer, Decoded, ENUMERATION_ATTEMPTS, Identity, Management, Request, SessionIds,
+};
 use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
 use crate::params::journal::{Change, Journal, Key};
 use crate::params::table::ParameterId;
@@ -51,21 +53,21 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
         }
     }
 
-    fn number(&mut self) -> u8 {
+    fn number(&mut self, identity: &Identity) -> u8 {
         match self.journal.get(self.settings, Key::NUMBER).as_deref() {
-            Some([number]) if *number <= MAX_DEVICE_NUMBER => *number,
+            Some([number]) => identity.number(*number),
             _ => 0,
         }
     }
 
-    /// The stored dialect's way with the LEDs.
-    fn led_style(&mut self) -> Style {
+    /// The stored dialect, or the default.
+    fn dialect(&mut self) -> DialectKind {
         let key = Key::Parameter(ParameterId::Dialect.code());
         let code = match self.journal.get(self.settings, key).as_deref() {
             Some([code, ..]) => u32::from(*code),
             _ => 0,
         };
-        DialectKind::from_code(code).map_or(Style::default(), DialectKind::led_style)
+        DialectKind::from_code(code).unwrap_or(DialectKind::Dmc60c)
     }
 
     fn rollback(&mut self) -> u32 {
@@ -108,7 +110,7 @@ pub fn start<A: NorFlash, F: NorFlash, J: NorFlash>(
 /// What a bootloader is made from.
 #[derive(Clone, Copy, Debug)]
 pub struct LoaderConfig {
-    /// `pdid` of the enumeration answer, and the product that images have to be for.
+    /// Product that images have to be for.
     pub product_id: u32,
     /// Hardware that images have to be for.
     pub hardware: u32,
@@ -166,13 +168,15 @@ impl<P: BorrowMut<Page>> Loader<P> {
         memory: &mut Memory<'_, A, F, J>,
         page: P,
     ) -> Self {
+        let dialect = memory.dialect();
+        let identity = dialect.identity();
         let mut loader = Self {
             config: *config,
-            management: Management::new(ImageType::Bootloader),
+            management: Management::new(ImageType::Bootloader, identity),
             updater: Updater::new(memory.slots, page),
             trust: memory.trust(config.product_id, config.hardware),
-            number: memory.number(),
-            style: memory.led_style(),
+            number: memory.number(identity),
+            style: dialect.led_style(),
             purpose: Purpose::Page(0),
             work: None,
             reset: None,
@@ -316,10 +320,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
             Request::GetDescriptors => {
                 for which in Descriptor::ALL {
                     let stored = memory.journal.get(memory.settings, Key::text(which));
-                    let text = match &stored {
-                        Some(text) => clipped(which, text),
-                        None => which.default_text().as_bytes(),
-                    };
+                    let text = stored.as_deref().map(|text| clipped(which, text));
                     answer.put_descriptor(which, text);
                 }
             }
@@ -368,8 +369,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
     /// The next frame to send; see [`Node::poll_tx`](crate::node::Node::poll_tx).
     pub fn poll_tx(&mut self, now: Instant) -> Option<Transmission> {
         let versions = self.versions();
-        let (number, product_id) = (self.number, self.config.product_id);
-        let (frame, answer) = self.management.encode(now, number, product_id, versions)?;
+        let (frame, answer) = self.management.encode(now, self.number, versions)?;
         let attempts = match answer {
             Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
             Answer::Other | Answer::Dialect => Attempts::UntilSent,

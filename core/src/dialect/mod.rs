@@ -11,6 +11,7 @@ use crate::engine::settings::Policy;
 use crate::engine::snapshot::{Faults, Snapshot};
 use crate::frame::Frame;
 use crate::led::Style;
+use crate::management::Identity;
 use crate::params::{Params, SaveRule};
 use crate::time::Instant;
 use crate::units::Duty;
@@ -139,6 +140,9 @@ pub trait Dialect {
     /// How the LEDs show the state under this dialect.
     const LED_STYLE: Style = Style::Running;
 
+    /// As what the controller is discovered and managed under this dialect.
+    const IDENTITY: Identity = Identity::DMC60C;
+
     /// True if frames with this identifier mean anything to device `number`; also the source of
     /// hardware filters.
     fn accepts(&self, number: u8, id: Id) -> bool;
@@ -203,6 +207,14 @@ macro_rules! dialects {
             pub const fn save_rule(self) -> SaveRule {
                 match self {
                     $( $(#[$meta])* Self::$dialect => <$module::$dialect as Dialect>::SAVE_RULE, )*
+                }
+            }
+
+            /// As what the controller is discovered and managed.
+            #[must_use]
+            pub const fn identity(self) -> &'static Identity {
+                match self {
+                    $( $(#[$meta])* Self::$dialect => &<$module::$dialect as Dialect>::IDENTITY, )*
                 }
             }
 

@@ -1,17 +1,26 @@
 //! The management channel: discovery, identity, parameters and maintenance, the same whatever dialect
-//! drives. It speaks the DMC60C's enumeration, vendor commands and parameter frames.
+//! drives. It speaks the DMC60C's enumeration, vendor commands and parameter frames, under the manufacturer
+//! that the dialect's [`Identity`] names.
 //!
 //! [`Management`] decodes frames into [`Request`]s and holds the answers until they can be sent. It does
 //! not execute anything: the node does, and hands back the outcome.
 
+mod enumeration;
+pub mod identity;
+mod session;
+#[cfg(test)]
+mod tests;
+mod types;
 pub mod vendor;
 pub mod wire;
 
-#[cfg(test)]
-mod tests;
+pub use identity::Identity;
+pub use session::SessionIds;
+pub use types::{Answer, Chunk, Decoded, Request};
 
+use enumeration::Enumeration;
 use heapless::{Deque, Vec};
-use vendor::{Command, CommandCode, Descriptor, PinTest, TestPin};
+use vendor::{Command, CommandCode, Descriptor, TestPin};
 use wire::{
     EnumerateResponse0, EnumerateResponse1, FirmwareVersions, ImageType, ParameterRequest,
     ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
@@ -21,7 +30,7 @@ use crate::dialect::{Bad, Outcome, Request as ParameterQuery};
 use crate::frame::Frame;
 use crate::frc_id::{base, number, with_number};
 use crate::params::store::Descriptors;
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 
 /// Capacity for bulk data: to the host all six descriptors with identifier and length each; to the device the longest
 /// string with its terminator is less.
@@ -36,93 +45,6 @@ const ANSWER_CAPACITY: usize = 96;
 /// withdrawn and comes once more after another delay (docs/dmc60c.md).
 pub const ENUMERATION_ATTEMPTS: u8 = 1;
 
-/// Unit of the enumeration delay (docs/dmc60c.md).
-const DELAY_UNIT: Duration = crate::time::TICK;
-
-/// A request of the host, checked, to be executed by the node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Request {
-    /// Enumerate.
-    Enumerate,
-    /// Read or write a parameter.
-    Parameter(ParameterQuery),
-    /// Store the device number, 1 to 63.
-    SetNumber(u8),
-    /// Store a descriptor: [`Management::text`].
-    SetDescriptor(Descriptor),
-    /// Put the settings back to their defaults; `all`: device number and strings as well.
-    FactoryReset {
-        /// Device number and every string too, not only parameters, faults and the device's name.
-        all: bool,
-    },
-    /// Show the identify pattern.
-    Identify,
-    /// Send the descriptors.
-    GetDescriptors,
-    /// Send the firmware versions.
-    GetVersions,
-    /// Send the flash sequence number.
-    GetSequence,
-    /// Restart into the bootloader.
-    EnterBootloader,
-    /// Restart.
-    SoftReset,
-    /// Test the expansion header.
-    PinTest(PinTest),
-    /// Erase and write a page: image type and page number as they came.
-    WritePage {
-        /// `PARAM1`.
-        image: u16,
-        /// `PARAM2`.
-        page: u16,
-    },
-    /// Bytes of the transfer that [`Management::expect_data`] asked for.
-    Data(Chunk),
-    /// Tell which pages of an update are stored.
-    GetPageCrcs,
-    /// Put the fallback image back.
-    RestoreFallback,
-    /// Send the state of the slots.
-    GetBootStatus,
-    /// Install a key that comes as so many bytes.
-    InstallKey(u16),
-}
-
-/// Bytes of a transfer, as one frame brought them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Chunk {
-    /// Place of the first byte in the transfer.
-    pub offset: usize,
-    /// The frame.
-    pub frame: Frame,
-    /// These are the last bytes.
-    pub is_last: bool,
-}
-
-/// What a frame turned out to be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Decoded {
-    /// Not for the management channel.
-    NotMine,
-    /// Handled, nothing to execute.
-    Done,
-    /// To be executed.
-    Request(Request),
-    /// A frame for this device that changes nothing.
-    Bad(Bad),
-}
-
-/// Which answer of the management channel a transmission carries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Answer {
-    /// First enumeration answer: the second may follow once it has been sent.
-    Enumerate0,
-    /// Any other of the management channel.
-    Other,
-    /// None of the management channel's: a frame of the dialect.
-    Dialect,
-}
-
 /// Bulk data transfer of a vendor command.
 #[derive(Clone, Copy, Debug, Default)]
 enum Transfer {
@@ -136,30 +58,13 @@ enum Transfer {
     In { sent: usize },
 }
 
-/// Progress of an enumeration. The number is kept so that both answers carry the same one.
-#[derive(Clone, Copy, Debug)]
-enum Enumeration {
-    Idle,
-    /// `again`: an attempt has been destroyed already.
-    Waiting {
-        due: Instant,
-        again: bool,
-    },
-    FirstOnTheWay {
-        number: u8,
-        again: bool,
-    },
-    SecondReady {
-        number: u8,
-    },
-}
-
 /// State of the management channel. `ANSWERS` is the number of parameter answers that may wait for the bus;
 /// a bootloader has no parameters, and one place that it never uses.
 #[derive(Clone, Debug)]
 pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
     session: Option<u16>,
     image: ImageType,
+    identity: &'static Identity,
     enumeration: Enumeration,
     status: Option<VendorStatus>,
     /// The answer of the latest command comes when what it has changed is written.
@@ -173,10 +78,11 @@ pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
 impl<const ANSWERS: usize> Management<ANSWERS> {
     /// A channel that waits for a bus.
     #[must_use]
-    pub const fn new(image: ImageType) -> Self {
+    pub const fn new(image: ImageType, identity: &'static Identity) -> Self {
         Self {
             session: None,
             image,
+            identity,
             enumeration: Enumeration::Idle,
             status: None,
             deferred: false,
@@ -199,7 +105,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
 
     /// The bus is lost: session, transfers and pending answers are void.
     pub fn stop(&mut self) {
-        *self = Self::new(self.image);
+        *self = Self::new(self.image, self.identity);
     }
 
     /// Only an application has parameters, and only where their answers have a place.
@@ -211,17 +117,24 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
     #[must_use]
     pub fn accepts(&self, own: u8, frame: &Frame) -> bool {
         let has_parameters = self.has_parameters();
-        frame.extended_id().is_some_and(|id| match base(id) {
-            id::ENUMERATE => true,
-            id::VENDOR_COMMAND | id::VENDOR_DATA_OUT => number(id) == own,
-            id::PARAMETER_REQUEST | id::PARAMETER_SET => number(id) == own && has_parameters,
-            _ => false,
-        })
+        self.guide_identifier(frame)
+            .is_some_and(|id| match base(id) {
+                id::ENUMERATE => true,
+                id::VENDOR_COMMAND | id::VENDOR_DATA_OUT => number(id) == own,
+                id::PARAMETER_REQUEST | id::PARAMETER_SET => number(id) == own && has_parameters,
+                _ => false,
+            })
+    }
+
+    /// The identifier that the guide has for this frame.
+    fn guide_identifier(&self, frame: &Frame) -> Option<u32> {
+        let maker = self.identity.manufacturer;
+        maker.guide_identifier(frame.extended_id()?)
     }
 
     /// Reads one frame. `own` is the present device number.
     pub fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
-        let Some(id) = frame.extended_id() else {
+        let Some(id) = self.guide_identifier(frame) else {
             return Decoded::NotMine;
         };
         match base(id) {
@@ -287,9 +200,9 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
             Some(Command::RestoreFallback) => Request::RestoreFallback,
             Some(Command::GetBootStatus) => Request::GetBootStatus,
             Some(Command::InstallKey) => Request::InstallKey(command.param1),
-            Some(Command::SetDeviceNumber) => match u8::try_from(command.param1) {
-                Ok(new @ 1..=wire::MAX_DEVICE_NUMBER) => Request::SetNumber(new),
-                _ => {
+            Some(Command::SetDeviceNumber) => match self.identity.assignable(command.param1) {
+                Some(number) => Request::SetNumber(number),
+                None => {
                     self.finish(CommandCode::BadParameter);
                     return Decoded::Done;
                 }
@@ -429,8 +342,9 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         self
     }
 
-    /// Adds a descriptor as identifier, length and text (`vcmdGetDescriptors`).
-    pub fn put_descriptor(&mut self, which: Descriptor, text: &[u8]) {
+    /// Adds a descriptor as identifier, length and text (`vcmdGetDescriptors`); `stored` is what has been set.
+    pub fn put_descriptor(&mut self, which: Descriptor, stored: Option<&[u8]>) {
+        let text = stored.unwrap_or(self.identity.default_text(which).as_bytes());
         self.put(&[which as u8, text.len() as u8]).put(text);
     }
 
@@ -438,7 +352,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
     pub fn send_descriptors(&mut self, descriptors: &Descriptors) {
         self.clear();
         for which in Descriptor::ALL {
-            self.put_descriptor(which, descriptors.get(which));
+            self.put_descriptor(which, descriptors.stored(which));
         }
         self.send();
     }
@@ -476,22 +390,11 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         self.answers.push_back(response).is_ok()
     }
 
-    /// An enumeration request has come. A request during a pending answer is dropped.
-    ///
-    /// Numbered devices wait twice their number, others seven bits of their session id, in units of
-    /// 500 µs; 0 becomes 1.
+    /// An enumeration request has come.
     pub fn enumerate(&mut self, now: Instant, own: u8) {
-        let (Enumeration::Idle, Some(session)) = (self.enumeration, self.session) else {
-            return;
-        };
-        let units = match own {
-            0 => session_units(session),
-            number => 2 * u32::from(number),
-        };
-        self.enumeration = Enumeration::Waiting {
-            due: now + delay(units),
-            again: false,
-        };
+        if let Some(session) = self.session {
+            self.enumeration.request(now, own, session);
+        }
     }
 
     /// The next frame to send. Status goes before data, and both before parameters and enumeration.
@@ -499,7 +402,21 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         &mut self,
         now: Instant,
         own: u8,
-        product_id: u32,
+        versions: FirmwareVersions,
+    ) -> Option<(Frame, Answer)> {
+        let (frame, answer) = self.encode_guide(now, own, versions)?;
+        let maker = self.identity.manufacturer;
+        Some((
+            frame.with_extended_id(maker.identifier(frame.raw_id())),
+            answer,
+        ))
+    }
+
+    /// The next frame, with the guide's identifier.
+    fn encode_guide(
+        &mut self,
+        now: Instant,
+        own: u8,
         versions: FirmwareVersions,
     ) -> Option<(Frame, Answer)> {
         let session = self.session?;
@@ -519,7 +436,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
                 self.enumeration = Enumeration::FirstOnTheWay { number: own, again };
                 let response = EnumerateResponse0 {
                     session,
-                    product_id,
+                    product_id: self.identity.product_id,
                 };
                 Some((response.emit(own), Answer::Enumerate0))
             }
@@ -549,27 +466,15 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
 
     /// The first enumeration answer has been sent: the second follows.
     pub fn enumerate_0_sent(&mut self) {
-        if let Enumeration::FirstOnTheWay { number, .. } = self.enumeration {
-            self.enumeration = Enumeration::SecondReady { number };
-        }
+        self.enumeration.first_sent();
     }
 
     /// The first enumeration answer was destroyed: the session id becomes `session`, and the answer comes
     /// once more, after the delay of that session.
     pub fn enumerate_0_destroyed(&mut self, now: Instant, session: u16) {
-        let Some(present) = &mut self.session else {
-            return;
-        };
-        *present = session;
-        if let Enumeration::FirstOnTheWay { again, .. } = self.enumeration {
-            self.enumeration = if again {
-                Enumeration::Idle
-            } else {
-                Enumeration::Waiting {
-                    due: now + delay(session_units(session)),
-                    again: true,
-                }
-            };
+        if let Some(present) = &mut self.session {
+            *present = session;
+            self.enumeration.first_destroyed(now, session);
         }
     }
 
@@ -579,47 +484,9 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         let owed = self.status.is_some()
             || matches!(self.transfer, Transfer::In { .. })
             || !self.answers.is_empty();
-        match self.enumeration {
-            _ if owed => Some(Instant::ZERO),
-            Enumeration::Waiting { due, .. } => Some(due),
-            Enumeration::SecondReady { .. } => Some(Instant::ZERO),
-            Enumeration::Idle | Enumeration::FirstOnTheWay { .. } => None,
+        if owed {
+            return Some(Instant::ZERO);
         }
+        self.enumeration.due()
     }
-}
-
-/// Source of session ids.
-///
-/// They are 16 bits of a 64 MHz timer on the DMC60C, and never 0. Here the board's seed and all events so
-/// far take part, so that boards that were switched on together still differ.
-#[derive(Clone, Debug)]
-pub struct SessionIds(u32);
-
-impl SessionIds {
-    /// A source; `seed` differs from board to board.
-    #[must_use]
-    pub const fn new(seed: u32) -> Self {
-        Self(seed)
-    }
-
-    /// The next session id.
-    pub fn draw(&mut self, now: Instant) -> u16 {
-        // Xorshift32 (Marsaglia 2003), whose state must not be 0.
-        let mut x = (self.0 ^ now.as_micros() as u32).max(1);
-        x ^= x << 13;
-        x ^= x >> 17;
-        x ^= x << 5;
-        self.0 = x;
-        ((x >> 16) as u16).max(1)
-    }
-}
-
-/// Delay of a device without a number: seven bits of its session id.
-fn session_units(session: u16) -> u32 {
-    u32::from(session & 0x7F)
-}
-
-/// An enumeration delay, at least one unit.
-fn delay(units: u32) -> Duration {
-    Duration::from_micros(u64::from(units.max(1)) * DELAY_UNIT.as_micros())
 }

@@ -2,7 +2,7 @@
 
 use super::wire::*;
 use super::*;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use proptest::prelude::*;
 
 /// As in an application.
@@ -16,7 +16,7 @@ const VERSIONS: FirmwareVersions = FirmwareVersions {
 };
 
 fn channel() -> Management {
-    let mut channel = Management::new(ImageType::Application);
+    let mut channel = Management::new(ImageType::Application, &Identity::DMC60C);
     channel.start(SESSION);
     channel
 }
@@ -41,7 +41,7 @@ fn data_out(bytes: &[u8]) -> Frame {
 
 fn next(channel: &mut Management) -> Option<Frame> {
     channel
-        .encode(Instant::ZERO, 5, 0x6020_0103, VERSIONS)
+        .encode(Instant::ZERO, 5, VERSIONS)
         .map(|(frame, _)| frame)
 }
 
@@ -105,22 +105,22 @@ fn enumeration_is_answered_after_twice_the_number_or_seven_bits_of_the_session()
         (0, 0xFF7F, 127),
         (0, 0x0105, 5),
     ] {
-        let mut channel = Management::new(ImageType::Application);
+        let mut channel = Management::new(ImageType::Application, &Identity::DMC60C);
         channel.start(session);
         channel.enumerate(Instant::ZERO, own);
         let due = Instant::ZERO + Duration::from_ticks(ticks);
         assert_eq!(channel.next_deadline(), Some(due));
         let early = due - Duration::from_micros(1);
-        assert!(channel.encode(early, own, 1, VERSIONS).is_none());
-        let (first, answer) = channel.encode(due, own, 1, VERSIONS).unwrap();
+        assert!(channel.encode(early, own, VERSIONS).is_none());
+        let (first, answer) = channel.encode(due, own, VERSIONS).unwrap();
         assert_eq!(EnumerateResponse0::parse(&first).unwrap().session, session);
         assert_eq!(answer, Answer::Enumerate0);
         // The second follows the first, under the number that the first had.
-        assert!(channel.encode(due, own, 1, VERSIONS).is_none());
+        assert!(channel.encode(due, own, VERSIONS).is_none());
         channel.enumerate_0_sent();
-        let (second, _) = channel.encode(due, 44, 1, VERSIONS).unwrap();
+        let (second, _) = channel.encode(due, 44, VERSIONS).unwrap();
         assert_eq!(second.extended_id(), Some(0x0206_F000 | u32::from(own)));
-        assert!(channel.encode(due, own, 1, VERSIONS).is_none());
+        assert!(channel.encode(due, own, VERSIONS).is_none());
     }
 }
 
@@ -129,11 +129,11 @@ fn a_destroyed_answer_comes_once_more_after_the_new_session_s_delay() {
     let mut channel = channel();
     channel.enumerate(Instant::ZERO, 10);
     let first = Instant::from_micros(10_000);
-    assert!(channel.encode(first, 10, 1, VERSIONS).is_some());
+    assert!(channel.encode(first, 10, VERSIONS).is_some());
     channel.enumerate_0_destroyed(first, 0x0107);
     let again = first + Duration::from_ticks(7);
     assert_eq!(channel.next_deadline(), Some(again));
-    let (frame, _) = channel.encode(again, 10, 1, VERSIONS).unwrap();
+    let (frame, _) = channel.encode(again, 10, VERSIONS).unwrap();
     assert_eq!(EnumerateResponse0::parse(&frame).unwrap().session, 0x0107);
     channel.enumerate_0_destroyed(again, 0x0109);
     assert_eq!(channel.next_deadline(), None, "no third attempt");
@@ -195,7 +195,7 @@ fn lengths_are_exact_and_sessions_must_match() {
         }
         assert_eq!(channel().decode(6, &frame), Decoded::NotMine);
         for other in [0, 0xFFFF, SESSION + 1] {
-            let mut channel = Management::new(ImageType::Application);
+            let mut channel = Management::new(ImageType::Application, &Identity::DMC60C);
             channel.start(other.max(1));
             assert_eq!(channel.decode(5, &frame), Decoded::Bad(Bad::Session));
             assert_eq!(next(&mut channel), None);
@@ -230,6 +230,99 @@ fn device_numbers_1_to_63_only() {
         } else {
             assert_eq!(decoded, Decoded::Done);
             assert_eq!(status(&mut channel), (CommandCode::BadParameter as u16, 0));
+        }
+    }
+}
+
+/// A device that is managed as a Talon: everything under manufacturer 4, numbers 0 to 62.
+fn talon() -> Management {
+    let mut channel = Management::new(
+        ImageType::Application,
+        crate::dialect::DialectKind::TalonSrx.identity(),
+    );
+    channel.start(SESSION);
+    channel
+}
+
+#[test]
+fn a_talon_is_managed_under_its_own_manufacturer() {
+    let to_talon = |frame: Frame| frame.with_extended_id(frame.raw_id() ^ 0x0002_0000);
+    let mut channel = talon();
+    assert_eq!(
+        channel.decode(5, &Frame::extended(id::ENUMERATE, [])),
+        Decoded::Request(Request::Enumerate)
+    );
+    channel.enumerate(Instant::ZERO, 5);
+    let due = channel.next_deadline().unwrap();
+    let (first, _) = channel.encode(due, 5, VERSIONS).unwrap();
+    assert_eq!(first.extended_id(), Some(0x0204_F005));
+    assert_eq!(first.data(), [0x34, 0x12, 0x01, 0x01, 0x40, 0x20]);
+    channel.enumerate_0_sent();
+    let (second, _) = channel.encode(due, 5, VERSIONS).unwrap();
+    assert_eq!(second.extended_id(), Some(0x0204_F005));
+    let question = to_talon(command(0x61, 0));
+    assert_eq!(question.extended_id(), Some(0x0204_FC05));
+    assert_eq!(
+        channel.decode(5, &question),
+        Decoded::Request(Request::GetVersions)
+    );
+    channel.send_versions(VERSIONS);
+    let answers = [next(&mut channel), next(&mut channel)].map(Option::unwrap);
+    assert_eq!(
+        answers.map(|frame| frame.raw_id()),
+        [0x0204_FCC5, 0x0204_FC85]
+    );
+    let set = Frame::extended(0x0204_FD85, [0x34, 0x12, 128, 0, 0, 0, 0]);
+    assert_eq!(
+        channel.decode(5, &set),
+        Decoded::Request(Request::Parameter(ParameterQuery::Write(128, 0)))
+    );
+    channel.answer_parameter(Outcome {
+        parameter: 128,
+        result: Ok(0),
+    });
+    assert_eq!(next(&mut channel).unwrap().raw_id(), 0x0204_FD45);
+    channel.decode(5, &to_talon(command(0x04, 4)));
+    let last = channel.decode(5, &to_talon(data_out(b"abc\0")));
+    assert!(matches!(last, Decoded::Request(Request::SetDescriptor(..))));
+}
+
+#[test]
+fn i5_neither_kind_of_device_takes_the_other_s_frames() {
+    let dmc60c = [
+        command(0x61, 0),
+        data_out(b"a"),
+        Frame::extended(0x0206_1805, [0x34, 0x12, 1]),
+    ];
+    for frame in dmc60c {
+        assert!(channel().accepts(5, &frame) && !talon().accepts(5, &frame));
+        assert_eq!(talon().decode(5, &frame), Decoded::NotMine, "{frame:?}");
+    }
+    let talons = [
+        command(0x61, 0).with_extended_id(0x0204_FC05),
+        data_out(b"a").with_extended_id(0x0204_FC45),
+        Frame::extended(0x0204_FD05, [0x34, 0x12, 1]),
+    ];
+    for frame in talons {
+        assert!(talon().accepts(5, &frame) && !channel().accepts(5, &frame));
+        assert_eq!(channel().decode(5, &frame), Decoded::NotMine, "{frame:?}");
+    }
+    // The Talon's own parameter frames stand where the DMC60C's would.
+    let own = Frame::extended(0x0204_1805, [0x34, 0x12, 1]);
+    assert_eq!(talon().decode(5, &own), Decoded::NotMine);
+}
+
+#[test]
+fn a_talon_is_given_the_numbers_0_to_62() {
+    for (number, good) in [(0, true), (62, true), (63, false), (0x0100, false)] {
+        let mut channel = talon();
+        let decoded = channel.decode(5, &command(0x01, number).with_extended_id(0x0204_FC05));
+        if good {
+            assert_eq!(decoded, Decoded::Request(Request::SetNumber(number as u8)));
+        } else {
+            assert_eq!(decoded, Decoded::Done);
+            let refused = next(&mut channel).unwrap();
+            assert_eq!(refused.data(), [CommandCode::BadParameter as u8, 0, 0, 0]);
         }
     }
 }
@@ -361,7 +454,7 @@ fn a_failed_pin_stands_in_the_high_byte() {
 
 #[test]
 fn in_the_bootloader_there_are_no_parameters_and_enter_is_answered_at_once() {
-    let mut channel = Management::new(ImageType::Bootloader);
+    let mut channel = Management::new(ImageType::Bootloader, &Identity::DMC60C);
     channel.start(SESSION);
     let request = ParameterRequest {
         session: SESSION,

@@ -255,17 +255,6 @@ impl Descriptor {
         }
     }
 
-    /// What the device reports as long as nothing has been stored (guide, field table).
-    #[must_use]
-    pub const fn default_text(self) -> &'static str {
-        match self {
-            Self::DeviceName => "Motor Controller",
-            Self::ManufacturerName => "Digilent",
-            Self::ProductName => "Digilent DMC60C",
-            Self::ManufactureDate | Self::HardwareVersion | Self::SerialNumber => "UNKNOWN",
-        }
-    }
-
     /// The string of a field identifier.
     #[must_use]
     pub fn from_code(code: u8) -> Option<Self> {

@@ -22,7 +22,7 @@ use crate::engine::command::{Command, DriveOpts, PositionOf, SetAccumulator, Set
 use crate::engine::settings::{Settings, Sticky};
 use crate::engine::snapshot::{Actuation, Fault, Snapshot};
 use crate::frame::Frame;
-use crate::led::{self, IDENTIFY_TIME, Indication, Leds};
+use crate::led::{self, BUS_ERROR_TIME, IDENTIFY_TIME, Indication, Leds, Style};
 use crate::management::vendor::{CommandCode, PinTest, TestPin};
 use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
@@ -75,6 +75,8 @@ pub struct Node {
     reset: Option<Handover>,
     pin_test: Option<PinTest>,
     identify_since: Option<Instant>,
+    /// When the error frame came that the LEDs show.
+    bus_error_since: Option<Instant>,
     sessions: SessionIds,
     confirm: Confirmation,
     /// When the image has run long enough to be called healthy, unless it answers before.
@@ -86,7 +88,7 @@ impl Node {
     /// A node that starts at `now`. `stored` is what was kept last, or nothing on a blank board.
     #[must_use]
     pub fn new(now: Instant, config: &NodeConfig, stored: Option<&Stored>) -> Self {
-        let stored = match stored {
+        let mut stored = match stored {
             Some(stored) => Stored {
                 params: stored.params.persistent(),
                 ..stored.clone()
@@ -96,9 +98,11 @@ impl Node {
         let kind = DialectKind::from_code(stored.params.get(ParameterId::Dialect))
             .unwrap_or(DialectKind::Dmc60c);
         let settings = compile::settings(&stored.params, &config.board, &kind.policy());
+        let identity = kind.identity();
+        stored.number = identity.number(stored.number);
         let mut node = Self {
             config: *config,
-            management: Management::new(config.image),
+            management: Management::new(config.image, identity),
             dialect: AnyDialect::new(kind),
             faults: FaultLog::new(&stored),
             stored,
@@ -112,6 +116,7 @@ impl Node {
             reset: None,
             pin_test: None,
             identify_since: None,
+            bus_error_since: None,
             sessions: SessionIds::new(config.seed),
             confirm: Confirmation::Silent,
             healthy_at: Some(now + HEALTHY_AFTER),
@@ -329,10 +334,7 @@ impl Node {
     pub fn poll_tx(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Transmission> {
         let number = self.stored.number;
         let versions = self.versions();
-        let answer = self
-            .management
-            .encode(now, number, self.config.product_id, versions);
-        if let Some((frame, answer)) = answer {
+        if let Some((frame, answer)) = self.management.encode(now, number, versions) {
             let attempts = match answer {
                 Answer::Enumerate0 => Attempts::AtMost(ENUMERATION_ATTEMPTS),
                 Answer::Other | Answer::Dialect => Attempts::UntilSent,
@@ -385,6 +387,20 @@ impl Node {
     /// How many frames the platform has lost since power-on before the node could see them.
     pub const fn set_dropped(&mut self, frames: u32) {
         self.counters.dropped = frames;
+    }
+
+    /// How many error frames the CAN controller has seen since it was initialised; wraps. A new one makes the
+    /// LEDs flash, if the dialect's style has that; during a flash none begins anew.
+    pub fn set_bus_errors(&mut self, now: Instant, errors: u32) {
+        let is_new = errors != self.counters.bus_errors;
+        self.counters.bus_errors = errors;
+        let is_over = |since: &Instant| now.since(*since) >= BUS_ERROR_TIME;
+        if self.bus_error_since.as_ref().is_some_and(is_over) {
+            self.bus_error_since = None;
+        }
+        if is_new && self.bus_error_since.is_none() {
+            self.bus_error_since = Some(now);
+        }
     }
 
     /// When [`Node::poll_tx`] or [`Node::poll`] have something to do next, apart from new frames and
@@ -451,7 +467,14 @@ impl Node {
             _ if self.config.image != ImageType::Application => Indication::Bootloader,
             _ => {
                 let stopping = self.settings.policy.stopping;
-                led::indication(self.session().is_some(), snapshot, stopping)
+                let shown = led::indication(self.session().is_some(), snapshot, stopping);
+                let flashes = self.dialect.kind().led_style() == Style::Blinking
+                    && self.bus_error_since.is_some();
+                match shown {
+                    Indication::Fault(_) | Indication::NoLink => shown,
+                    _ if flashes => Indication::BusError,
+                    _ => shown,
+                }
             }
         }
     }

@@ -8,7 +8,8 @@ use crate::management::vendor::PinTest;
 use crate::management::wire::ImageType;
 use crate::reset::Reset;
 
-/// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md).
+/// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md). Firmware images
+/// of every board have it, whatever dialect drives.
 pub const PRODUCT_DMC60C: u32 = 0x6020_0103;
 
 /// What survives a restart that was asked for, and nothing else (guide, `vcmdEnterBootloader`).
@@ -26,8 +27,6 @@ pub struct Handover {
 pub struct NodeConfig {
     /// Conversion factors and limits of the board.
     pub board: Board,
-    /// `pdid` of the enumeration answer.
-    pub product_id: u32,
     /// Application version (`fwverApp`), major and minor byte; 0xFFFF if there is no application.
     pub application_version: u16,
     /// Bootloader version (`fwverBoot`).
@@ -50,7 +49,6 @@ impl NodeConfig {
     pub const fn dmc60c(seed: u32) -> Self {
         Self {
             board: Board::REFERENCE,
-            product_id: PRODUCT_DMC60C,
             application_version: 0x0117,
             bootloader_version: 0x0109,
             image: ImageType::Application,
@@ -139,6 +137,8 @@ pub struct Counters {
     pub dropped: u32,
     /// Transmissions that were given up.
     pub given_up: u32,
+    /// Error frames that the CAN controller has seen since it was initialised.
+    pub bus_errors: u32,
 }
 
 impl Counters {

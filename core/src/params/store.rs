@@ -38,15 +38,6 @@ fn copied(text: Option<&Option<Text>>) -> Option<Text> {
 }
 
 impl Descriptors {
-    /// The text of one descriptor.
-    #[must_use]
-    pub fn get(&self, which: Descriptor) -> &[u8] {
-        match self.texts.get(which as usize - 1) {
-            Some(Some(text)) => text,
-            _ => which.default_text().as_bytes(),
-        }
-    }
-
     /// The text of one descriptor, if one has been set.
     #[must_use]
     pub fn stored(&self, which: Descriptor) -> Option<&[u8]> {
@@ -355,14 +346,14 @@ mod tests {
     }
 
     #[test]
-    fn descriptors_are_cut_at_their_capacity_and_default_until_set() {
+    fn descriptors_are_cut_at_their_capacity_and_absent_until_set() {
         let mut descriptors = Descriptors::default();
         for which in Descriptor::ALL {
-            assert_eq!(descriptors.get(which), which.default_text().as_bytes());
+            assert_eq!(descriptors.stored(which), None);
             descriptors.set(which, &[b'x'; 100]);
-            assert_eq!(descriptors.get(which).len(), which.capacity());
+            assert_eq!(descriptors.stored(which).unwrap().len(), which.capacity());
             descriptors.set(which, b"");
-            assert_eq!(descriptors.get(which), b"");
+            assert_eq!(descriptors.stored(which), Some(&b""[..]));
         }
     }
 

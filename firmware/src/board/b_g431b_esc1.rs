@@ -7,26 +7,20 @@
 use stm32_metapac::opamp::Opamp;
 use stm32_metapac::opamp::vals::{PgaGain, VmSel, VpSel};
 use stm32_metapac::{GPIOA, GPIOB, GPIOC, Interrupt, OPAMP1, OPAMP3, TIM4, interrupt};
-use windlass_core::bridge::Inputs;
 use windlass_core::engine;
 use windlass_core::engine::settings::{Linear, Thresholds};
-use windlass_core::engine::snapshot::{Pulse, Sample};
 
-use super::stm32::{self as board, Description, Panel, Tick};
+use super::stm32::{self as board, Analog, Description, Inputs, Panel, Tick};
 use crate::chip::stm32::bridge::{Leg, Wiring};
 use crate::chip::stm32::encoder::Encoder;
-use crate::chip::stm32::{self as chip, Input, Pin};
+use crate::chip::stm32::pulse::PulseInput;
+use crate::chip::stm32::{self as chip, Pin, TIM2_AS_16_BITS};
 use crate::chip::stm32g4::{CLOCK_MHZ, converter};
 use crate::shunt::Shunts;
 
 /// Crystal in MHz.
 const CRYSTAL_MHZ: u8 = 8;
 
-/// Pads of the serial line, J3, which the daughterboard with the debug probe drives while it is attached.
-const FORWARD_LIMIT: Pin = Pin(GPIOB, 3);
-const REVERSE_LIMIT: Pin = Pin(GPIOB, 4);
-/// A+, B+ and Z+ of J8, at the first three channels of TIM4 (function 2).
-const ENCODER_PINS: [Pin; 3] = [Pin(GPIOB, 6), Pin(GPIOB, 7), Pin(GPIOB, 8)];
 /// The transceiver is on while this is low.
 const CAN_SHUTDOWN: Pin = Pin(GPIOC, 11);
 /// 120 Ω between the bus lines while this is high.
@@ -93,6 +87,19 @@ const BOARD: Description = Description {
         // 1 µs: 170 periods of 5.88 ns, as (64 + 21) × 2.
         dead_time: 0x80 | 21,
     },
+    inputs: Inputs {
+        // Pads of the serial line, J3, which the daughterboard with the debug probe drives while it is attached.
+        limits: [Pin(GPIOB, 3), Pin(GPIOB, 4)],
+        // A+, B+ and Z+ of J8, at the first three channels of TIM4.
+        encoder: ([Pin(GPIOB, 6), Pin(GPIOB, 7), Pin(GPIOB, 8)], 2),
+        index: Interrupt::TIM4,
+        // Pad PWM of J3, at the first channel of TIM2.
+        pulse: PulseInput {
+            timer: TIM2_AS_16_BITS,
+            pin: (Pin(GPIOA, 15), 1),
+            clock_mhz: CLOCK_MHZ,
+        },
+    },
     panel: Panel {
         status: [Some(Pin(GPIOC, 6)), None, None],
         brake: None,
@@ -104,51 +111,27 @@ const BOARD: Description = Description {
 
 static ENCODER: Encoder = Encoder::new(TIM4);
 
-/// The control tick: sample, engine, bridge.
+/// The control tick.
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
     static mut TICK: Tick = Tick::new();
     static mut SHUNTS: Shunts = Shunts::new(SHUNT_MICROAMPERES);
     chip::acknowledge_tick();
-    let sample = sample(TICK, SHUNTS);
-    SHUNTS.applied(TICK.run(&BOARD.bridge, &sample));
+    let [plus, minus, bus_voltage, temperature] = converter::conversions();
+    let analog = Analog {
+        current: SHUNTS.current(plus, minus),
+        bus_voltage,
+        temperature,
+        analog_in: converter::between(),
+    };
+    SHUNTS.applied(TICK.run(&BOARD, &ENCODER, &analog));
 }
 
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM4() {
     ENCODER.captured();
-}
-
-/// Everything the board measures. There is no RC-PWM input and no fault line of the gate drivers.
-#[cfg(not(feature = "bootloader"))]
-fn sample(tick: &mut Tick, shunts: &mut Shunts) -> Sample {
-    let [plus, minus, bus_voltage, temperature] = converter::conversions();
-    let encoder = tick.position.follow(ENCODER.count());
-    let [rising, falling] = ENCODER.index();
-    let [encoder_a, encoder_b, encoder_index] = ENCODER_PINS.map(|pin| Input(Some(pin)));
-    let mut inputs = Inputs {
-        forward_limit: Input(Some(FORWARD_LIMIT)),
-        reverse_limit: Input(Some(REVERSE_LIMIT)),
-        encoder_a,
-        encoder_b,
-        encoder_index,
-        gate_driver_fault_n: Input(None),
-    };
-    let pins = inputs.read();
-    Sample {
-        encoder,
-        pins,
-        index_rising: tick.position.index(rising),
-        index_falling: tick.position.index(falling),
-        encoder_a_rises: tick.rises.follow(pins.encoder_a),
-        current: shunts.current(plus, minus),
-        bus_voltage,
-        temperature,
-        analog_in: converter::between(),
-        pulse: Pulse::default(),
-    }
 }
 
 /// Every switch of the bridge open, from anywhere.
@@ -178,10 +161,7 @@ fn start_transceiver() {
 /// Starts the board and runs it.
 #[cfg(not(feature = "bootloader"))]
 pub fn run() -> ! {
-    board::run(&BOARD, |nvic| {
-        for pin in [FORWARD_LIMIT, REVERSE_LIMIT] {
-            pin.input();
-        }
+    board::run(&BOARD, &ENCODER, || {
         start_transceiver();
         let outputs = ANALOG.map(|(pin, _)| pin);
         for pin in outputs
@@ -198,7 +178,6 @@ pub fn run() -> ! {
             &QUICK,
             Some(POTENTIOMETER.1),
         );
-        ENCODER.start(nvic, ENCODER_PINS, 2, Interrupt::TIM4);
     })
 }
 

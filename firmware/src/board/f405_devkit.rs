@@ -1,116 +1,37 @@
-//! A board with an STM32F405RG, a CAN transceiver, an H-bridge and an encoder; `docs/hardware.md` has the
-//! pin table. Alternate functions are those of the STM32F405 data sheet, table 9.
+//! A board with an STM32F405RG and the kit; `docs/hardware.md` has the pin table. Alternate functions are those of the
+//! STM32F405 data sheet, table 9.
 
-use stm32_metapac::timer::TimGp16;
-use stm32_metapac::{GPIOA, GPIOB, GPIOC, Interrupt, TIM2, interrupt};
-use windlass_core::bridge::Inputs;
-use windlass_core::engine;
-use windlass_core::engine::snapshot::{Pulse, Sample};
+use stm32_metapac::{GPIOA, GPIOB, Interrupt, interrupt};
 
-use super::stm32::{self as board, Description, Panel, Tick};
-use crate::chip::stm32::bridge::{Leg, Wiring};
-use crate::chip::stm32::encoder::Encoder;
-use crate::chip::stm32::{self as chip, Input, Pin};
+use super::kit::{self, Chip};
+use super::stm32::{Description, Tick};
+use crate::chip::stm32::{self as chip, Pin};
 use crate::chip::stm32f405::{TIMER_1_MHZ, TIMER_7_MHZ, converter};
 
-/// Crystal in MHz: Olimex H405 and ST's Discovery have 8, the Feather STM32F405 has 12.
-const CRYSTAL_MHZ: u8 = 8;
+/// Channels of the converter at [`kit::ANALOG`].
+const CHANNELS: [u8; 4] = [10, 11, 12, 13];
 
-const FORWARD_LIMIT: Pin = Pin(GPIOC, 4);
-const REVERSE_LIMIT: Pin = Pin(GPIOC, 5);
-/// A, B and index, at the first three channels of TIM2 (function 1).
-const ENCODER_PINS: [Pin; 3] = [Pin(GPIOA, 0), Pin(GPIOA, 1), Pin(GPIOA, 2)];
-/// Reports a fault of the gate drivers with a low level.
-const DRIVER_FAULT: Pin = Pin(GPIOB, 12);
-/// Current PC0, bus voltage PC1, temperature PC2, AIN1 PC3.
-const ANALOG: [(Pin, u8); 4] = [
-    (Pin(GPIOC, 0), 10),
-    (Pin(GPIOC, 1), 11),
-    (Pin(GPIOC, 2), 12),
-    (Pin(GPIOC, 3), 13),
-];
-
-const BOARD: Description = Description {
-    crystal_mhz: CRYSTAL_MHZ,
-    engine: engine::Board::REFERENCE,
+const BOARD: Description = Chip {
+    // Olimex H405 and ST's Discovery have 8 MHz, the Feather STM32F405 has 12.
+    crystal_mhz: 8,
+    bridge_mhz: TIMER_1_MHZ,
+    timers_mhz: TIMER_7_MHZ,
+    bridge_function: 1,
+    // 168 periods of 5.95 ns, as (64 + 20) × 2.
+    dead_time: 0x80 | 20,
     can: [Pin(GPIOB, 8), Pin(GPIOB, 9)],
-    bridge: Wiring {
-        clock_mhz: TIMER_1_MHZ,
-        plus: Leg {
-            channel: 0,
-            high: (Pin(GPIOA, 8), 1),
-            low: (Pin(GPIOB, 13), 1),
-        },
-        minus: Leg {
-            channel: 1,
-            high: (Pin(GPIOA, 9), 1),
-            low: (Pin(GPIOB, 14), 1),
-        },
-        enable: Some(Pin(GPIOB, 15)),
-        fault: Some((DRIVER_FAULT, 1)),
-        // 1 µs: 168 periods of 5.95 ns, as (64 + 20) × 2.
-        dead_time: 0x80 | 20,
-    },
-    panel: Panel {
-        status: [
-            Some(Pin(GPIOC, 6)),
-            Some(Pin(GPIOC, 7)),
-            Some(Pin(GPIOC, 8)),
-        ],
-        brake: Some(Pin(GPIOC, 9)),
-        button: Some(Pin(GPIOC, 10)),
-    },
+    index: Pin(GPIOA, 2),
     tick: Interrupt::TIM7,
-    tick_mhz: TIMER_7_MHZ,
-};
+}
+.with_kit();
 
-// SAFETY: TIM2 has the registers of the timers with 16 bits, with wider counters.
-static ENCODER: Encoder = Encoder::new(unsafe { TimGp16::from_ptr(TIM2.as_ptr()) });
-
-/// The control tick: sample, engine, bridge.
+/// The control tick.
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
     static mut TICK: Tick = Tick::new();
     chip::acknowledge_tick();
-    let sample = sample(TICK);
-    TICK.run(&BOARD.bridge, &sample);
-}
-
-#[cfg(not(feature = "bootloader"))]
-#[interrupt]
-fn TIM2() {
-    ENCODER.captured();
-}
-
-/// Everything the board measures. There is no RC-PWM input.
-#[cfg(not(feature = "bootloader"))]
-fn sample(tick: &mut Tick) -> Sample {
-    let [current, bus_voltage, temperature, analog_in] = converter::conversions();
-    let encoder = tick.position.follow(ENCODER.count());
-    let [rising, falling] = ENCODER.index();
-    let [encoder_a, encoder_b, encoder_index] = ENCODER_PINS.map(|pin| Input(Some(pin)));
-    let mut inputs = Inputs {
-        forward_limit: Input(Some(FORWARD_LIMIT)),
-        reverse_limit: Input(Some(REVERSE_LIMIT)),
-        encoder_a,
-        encoder_b,
-        encoder_index,
-        gate_driver_fault_n: Input(Some(DRIVER_FAULT)),
-    };
-    let pins = inputs.read();
-    Sample {
-        encoder,
-        pins,
-        index_rising: tick.position.index(rising),
-        index_falling: tick.position.index(falling),
-        encoder_a_rises: tick.rises.follow(pins.encoder_a),
-        current,
-        bus_voltage,
-        temperature,
-        analog_in,
-        pulse: Pulse::default(),
-    }
+    kit::run_tick(TICK, &BOARD, converter::conversions());
 }
 
 /// Every switch of the bridge open, from anywhere.
@@ -122,16 +43,7 @@ pub fn bridge_off() {
 /// Starts the board and runs it.
 #[cfg(not(feature = "bootloader"))]
 pub fn run() -> ! {
-    board::run(&BOARD, |nvic| {
-        for pin in [FORWARD_LIMIT, REVERSE_LIMIT] {
-            pin.input();
-        }
-        for (pin, _) in ANALOG {
-            pin.analog();
-        }
-        converter::start(ANALOG.map(|(_, channel)| channel));
-        ENCODER.start(nvic, ENCODER_PINS, 1, Interrupt::TIM2);
-    })
+    kit::run(&BOARD, || converter::start(CHANNELS))
 }
 
 /// Starts the application, or stays in the bootloader.

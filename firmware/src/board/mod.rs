@@ -25,6 +25,10 @@ boards! {
     "board-qemu" qemu,
 }
 
+// What the boards with the kit share.
+#[cfg(any(feature = "board-f405-devkit", feature = "board-nucleo-g474re"))]
+#[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
+mod kit;
 #[cfg(not(feature = "board-qemu"))]
 #[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
 mod stm32;

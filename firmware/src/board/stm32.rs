@@ -5,6 +5,7 @@ use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
 use static_cell::StaticCell;
 use stm32_metapac::Interrupt;
+use windlass_core::bridge;
 use windlass_core::engine;
 use windlass_core::engine::snapshot::{Actuation, Sample};
 use windlass_core::led::{Colour, Leds};
@@ -16,14 +17,17 @@ use crate::button::Button;
 use crate::chip::family;
 use crate::chip::family::can::Can;
 use crate::chip::stm32::bridge::{Stage, Wiring};
-use crate::chip::stm32::{self as chip, Pin};
+use crate::chip::stm32::encoder::Encoder;
+use crate::chip::stm32::pulse::PulseInput;
+use crate::chip::stm32::{self as chip, Input, Pin};
 use crate::clock::Clock;
 use crate::control::{Control, Crossing};
-use crate::count::{Position, Rises};
+use crate::count::{Position, Pulses, Rises};
 use crate::fault::{self, RECORD};
 #[cfg(not(feature = "bootloader"))]
 use crate::info;
 use crate::kept::Kept;
+use crate::latest::Maybe;
 use crate::log;
 use crate::memory;
 use crate::port::{Board, Event};
@@ -80,6 +84,41 @@ impl Panel {
     }
 }
 
+/// Encoder, limit switches and RC-PWM input.
+pub(super) struct Inputs {
+    /// Forward and reverse limit switch to ground.
+    pub(super) limits: [Pin; 2],
+    /// A, B and index of the encoder, at the first three channels of its timer, with their alternate function.
+    pub(super) encoder: ([Pin; 3], u8),
+    /// Interrupt of the encoder's timer.
+    pub(super) index: Interrupt,
+    /// RC-PWM input.
+    pub(super) pulse: PulseInput,
+}
+
+impl Inputs {
+    fn start(&self, nvic: &mut NVIC, encoder: &'static Encoder) {
+        for pin in self.limits {
+            pin.input();
+        }
+        let (pins, function) = self.encoder;
+        encoder.start(nvic, pins, function, self.index);
+        self.pulse.start();
+    }
+}
+
+/// What a board's converter gives for one tick, see [`Sample`].
+pub(super) struct Analog {
+    /// Current of the motor.
+    pub(super) current: u16,
+    /// Supply of the bridge.
+    pub(super) bus_voltage: u16,
+    /// Temperature of the bridge.
+    pub(super) temperature: u16,
+    /// AIN1.
+    pub(super) analog_in: u16,
+}
+
 /// What a board is made of.
 pub(super) struct Description {
     /// Crystal in MHz.
@@ -90,6 +129,8 @@ pub(super) struct Description {
     pub(super) can: [Pin; 2],
     /// The bridge.
     pub(super) bridge: Wiring,
+    /// What the sample is made of, besides the converter's part.
+    pub(super) inputs: Inputs,
     /// Lights and button.
     pub(super) panel: Panel,
     /// Interrupt of the tick timer.
@@ -101,11 +142,10 @@ pub(super) struct Description {
 /// What the tick's interrupt owns.
 pub(super) struct Tick {
     control: Control,
-    stage: Option<Stage>,
-    /// Position of the encoder.
-    pub(super) position: Position,
-    /// Rising edges of QEA.
-    pub(super) rises: Rises,
+    stage: Maybe<Stage>,
+    position: Position,
+    rises: Rises,
+    pulses: Pulses,
 }
 
 impl Tick {
@@ -113,24 +153,61 @@ impl Tick {
     pub(super) const fn new() -> Self {
         Self {
             control: Control::new(),
-            stage: None,
+            stage: Maybe::Nothing,
             position: Position::new(),
             rises: Rises::new(),
+            pulses: Pulses::new(),
         }
     }
 
-    /// One tick after the measurement: engine, bridge.
+    /// One tick: everything that the board measures, engine, bridge.
     #[inline]
-    pub(super) fn run(&mut self, wiring: &Wiring, sample: &Sample) -> Actuation {
-        let actuation = self.control.tick(&CROSSING, sample);
-        if self.stage.is_none() {
-            self.stage = wiring.stage();
+    pub(super) fn run(
+        &mut self,
+        board: &Description,
+        encoder: &Encoder,
+        analog: &Analog,
+    ) -> Actuation {
+        let sample = self.sample(board, encoder, analog);
+        let actuation = self.control.tick(&CROSSING, &sample);
+        if self.stage.as_ref().is_none() {
+            self.stage = board.bridge.stage().into();
         }
-        if let Some(stage) = &mut self.stage {
+        if let Some(stage) = self.stage.as_mut() {
             // Pins of this chip do not fail, and a bridge that fails has switched itself off.
             let _ = stage.apply(actuation);
         }
         actuation
+    }
+
+    #[inline]
+    fn sample(&mut self, board: &Description, encoder: &Encoder, analog: &Analog) -> Sample {
+        let inputs = &board.inputs;
+        let count = self.position.follow(encoder.count());
+        let [rising, falling] = encoder.index();
+        let [forward_limit, reverse_limit] = inputs.limits.map(|pin| Input(Some(pin)));
+        let [encoder_a, encoder_b, encoder_index] = inputs.encoder.0.map(|pin| Input(Some(pin)));
+        let mut pins = bridge::Inputs {
+            forward_limit,
+            reverse_limit,
+            encoder_a,
+            encoder_b,
+            encoder_index,
+            gate_driver_fault_n: Input(board.bridge.fault.map(|(pin, _)| pin)),
+        };
+        let pins = pins.read();
+        Sample {
+            encoder: count,
+            pins,
+            index_rising: self.position.index(rising),
+            index_falling: self.position.index(falling),
+            encoder_a_rises: self.rises.follow(pins.encoder_a),
+            current: analog.current,
+            bus_voltage: analog.bus_voltage,
+            temperature: analog.temperature,
+            analog_in: analog.analog_in,
+            pulse: inputs.pulse.follow(&mut self.pulses),
+        }
     }
 }
 
@@ -212,11 +289,15 @@ pub fn micros() -> u64 {
     CROSSING.micros()
 }
 
+/// Starts the hardware, the bridge before anything that can drive it, and runs thread mode. `prepare` starts the
+/// converter and what the board needs besides.
 #[cfg(not(feature = "bootloader"))]
-/// Starts the hardware, the bridge before anything that can drive it, and runs thread mode. `start_sensors` starts
-/// converter, encoder and what else the board's sample is made of.
-pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVIC)) -> ! {
-    let (board, thread) = build(description, start_sensors);
+pub(super) fn run(
+    description: &Description,
+    encoder: &'static Encoder,
+    prepare: impl FnOnce(),
+) -> ! {
+    let (board, thread) = build(description, encoder, prepare);
     log::event(Event::Started(board.kept.reset()));
     log::brown_out_level(family::brown_out_level(), family::BROWN_OUT_LEVEL);
     thread.run(board, &CROSSING)
@@ -228,7 +309,8 @@ pub(super) fn run(description: &Description, start_sensors: impl FnOnce(&mut NVI
 #[inline(never)]
 fn build(
     description: &Description,
-    start_sensors: impl FnOnce(&mut NVIC),
+    encoder: &'static Encoder,
+    prepare: impl FnOnce(),
 ) -> (&'static mut Controller, &'static mut Thread) {
     let origin = info::origin(description.engine, chip::unique_number(), || {
         family::take_reset_cause(&RECORD)
@@ -246,16 +328,25 @@ fn build(
         button: Button::default(),
         panel,
     });
-    let config = board.kept.node_config();
-    let stored = board.kept.load();
-    let thread = THREAD.init_with(|| Thread::new(Instant::ZERO, &config, Some(&stored)));
+    let thread = thread(&mut board.kept);
     if let Some(mut core) = Peripherals::take() {
         let nvic = &mut core.NVIC;
         family::watch_supply(nvic);
-        start_sensors(nvic);
+        prepare();
+        description.inputs.start(nvic, encoder);
         let [receive, transmit] = description.can;
         board.can = Can::start(nvic, receive, transmit);
         chip::start_tick(nvic, description.tick, description.tick_mhz);
     }
     (board, thread)
+}
+
+/// Makes the node with what is stored. Not inlined, so that its settings and the journal's passes do not add up on
+/// the stack.
+#[cfg(not(feature = "bootloader"))]
+#[inline(never)]
+fn thread(kept: &mut BoardKept) -> &'static mut Thread {
+    let config = kept.node_config();
+    let stored = kept.load();
+    THREAD.init_with(|| Thread::new(Instant::ZERO, &config, Some(&stored)))
 }

@@ -27,6 +27,7 @@ struct FakeBus {
     events: VecDeque<BusEvent>,
     sent: Vec<Frame>,
     dropped: u32,
+    errors: u32,
 }
 
 impl Bus for FakeBus {
@@ -40,6 +41,10 @@ impl Bus for FakeBus {
 
     fn dropped(&self) -> u32 {
         self.dropped
+    }
+
+    fn errors(&self) -> u32 {
+        self.errors
     }
 }
 
@@ -201,10 +206,10 @@ fn every_change_is_logged_once() {
     thread.pass(&mut board, &crossing);
     let session = thread.node().session().expect("the bus was seen");
     let faults = Faults::NONE.with(Fault::GateDriver);
-    crossing.snapshot.put(Some(Snapshot {
+    crossing.snapshot.offer(Snapshot {
         faults,
         ..Snapshot::default()
-    }));
+    });
     board.bus.dropped = 3;
     crossing.skip();
     board.bus.events.push_back(BusEvent::Lost);
@@ -229,9 +234,11 @@ fn every_change_is_logged_once() {
 fn frames_that_the_bus_has_lost_reach_the_node() {
     let (mut board, crossing, mut thread) = start();
     board.bus.dropped = 3;
+    board.bus.errors = 2;
     crossing.skip();
     thread.pass(&mut board, &crossing);
     assert_eq!(thread.node().counters().dropped, 3);
+    assert_eq!(thread.node().counters().bus_errors, 2);
 }
 
 #[test]
@@ -273,7 +280,7 @@ fn while_the_motor_may_move_nothing_is_erased() {
     };
     let erases = |board: &FakeBoard| board.chip.erases(Region::Journal).iter().sum::<u32>();
     for _ in 0..3_000 {
-        crossing.snapshot.put(Some(driving));
+        crossing.snapshot.offer(driving);
         crossing.skip();
         board.now = board.now + Duration::from_micros(500);
         thread.pass(&mut board, &crossing);
@@ -281,7 +288,7 @@ fn while_the_motor_may_move_nothing_is_erased() {
     assert_eq!(erases(&board), 0);
     // Off for a second: the journal's next unit is erased in advance.
     for _ in 0..3_000 {
-        crossing.snapshot.put(Some(Snapshot::default()));
+        crossing.snapshot.offer(Snapshot::default());
         crossing.skip();
         board.now = board.now + Duration::from_micros(500);
         thread.pass(&mut board, &crossing);

@@ -144,6 +144,7 @@ fn running(sim: &SimNode) -> Map<String, Value> {
             "bus_losses": counters.bus_losses,
             "dropped": counters.dropped,
             "given_up": counters.given_up,
+            "bus_errors": counters.bus_errors,
         },
     }))
 }

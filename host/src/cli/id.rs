@@ -5,7 +5,7 @@ use serde_json::json;
 use windlass_core::management::vendor::Descriptor;
 
 use super::output::{self, say};
-use super::{Failure, Global, Outcome, talon};
+use super::{Failure, Global, Outcome};
 use crate::client::{Selector, check_number, check_text};
 
 /// Arguments of `windlass id`.
@@ -37,7 +37,7 @@ struct SetArguments {
 #[derive(Clone, Debug, Args)]
 #[group(required = true, multiple = true)]
 struct Changes {
-    /// New device number, 1 to 63; of a Talon at most 62.
+    /// New device number, 1 to 63; of a Talon 0 to 62.
     number: Option<u8>,
     /// Device name, up to 64 bytes.
     #[arg(long, value_name = "TEXT")]
@@ -96,17 +96,19 @@ fn blink(selector: &Selector, global: &Global) -> Result<Outcome, Failure> {
 /// Checks everything first, so that a bad value leaves the device as it was.
 fn set(arguments: &SetArguments, global: &Global) -> Result<Outcome, Failure> {
     let changes = &arguments.changes;
-    changes.number.map_or(Ok(()), check_number)?;
+    if let Some(number) = changes.number {
+        let dialect = arguments.device.dialect;
+        let maker = dialect.map(|dialect| dialect.identity().manufacturer);
+        check_number(number, maker)?;
+    }
     for (descriptor, text) in changes.strings() {
         text.map_or(Ok(()), |text| check_text(descriptor, text))?;
     }
     let mut client = global.connect()?;
     let device = client.find(&arguments.device)?;
     let before = device.address;
-    if let Some(number) = changes.number
-        && talon::is_talon(&mut client, &device)?
-    {
-        talon::check_number(number)?;
+    if let Some(number) = changes.number {
+        check_number(number, Some(before.manufacturer))?;
     }
     for (descriptor, text) in changes.strings() {
         if let Some(text) = text {

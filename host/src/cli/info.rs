@@ -8,9 +8,7 @@ use windlass_core::reset::ResetCause;
 use super::connect::{Connection, devices};
 use super::output::{self, say};
 use super::{Failure, Global, Outcome, scan};
-use crate::client::{
-    Descriptors, Device, Error, Selector, Value as Parameter, Version, product_name,
-};
+use crate::client::{Descriptors, Device, Error, Selector, Value as Parameter, product_name};
 
 /// Arguments of `windlass info`.
 #[derive(Clone, Debug, clap::Args)]
@@ -37,8 +35,6 @@ const STRINGS: [(Descriptor, &str, &str); 6] = [
 struct Information {
     device: Device,
     strings: Descriptors,
-    application: Version,
-    bootloader: Version,
     flash_writes: u32,
     /// What only this project's firmware tells.
     own: Option<Own>,
@@ -83,8 +79,6 @@ fn read(client: &mut Connection, device: Device) -> Result<Information, Failure>
             ..device
         },
         strings,
-        application: Version(versions.application),
-        bootloader: Version(versions.bootloader),
         flash_writes,
         own: own(client, device)?,
     })
@@ -151,8 +145,9 @@ fn print(information: &Information) -> Result<(), Failure> {
         "running image",
         information.device.image_name()
     )?;
-    say!("  {:<15} {}", "application", information.application)?;
-    say!("  {:<15} {}", "bootloader", information.bootloader)?;
+    let (application, bootloader) = information.device.version_names();
+    say!("  {:<15} {application}", "application")?;
+    say!("  {:<15} {bootloader}", "bootloader")?;
     let product_id = product_name(information.device.product_id);
     say!("  {:<15} {product_id}", "product id")?;
     say!("  {:<15} {}", "flash writes", information.flash_writes)?;

@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use serde_json::json;
+use windlass_core::management::identity::Manufacturer;
 
 use super::connect::{Connection, Seconds, devices};
 use super::output::{self, LiveLine};
 use super::sample::Sample;
 use super::{Failure, Global, Outcome, interrupted, talon};
-use crate::client::{Selector, Traffic};
+use crate::client::{Address, Selector, Traffic};
 use crate::transport::{Bus, Health, Transport};
 
 /// Arguments of `windlass monitor`.
@@ -38,7 +39,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
         only: arguments
             .device
             .and(found.first())
-            .map(|device| device.address.number),
+            .map(|device| device.address),
         load: arguments.bus.then_some(bit_rate),
         json: global.json,
         live: LiveLine::new(),
@@ -64,7 +65,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
 
 struct Monitor {
     /// The one device to show, else all.
-    only: Option<u8>,
+    only: Option<Address>,
     /// The bit rate, if the load is wanted.
     load: Option<u32>,
     json: bool,
@@ -83,10 +84,16 @@ impl Monitor {
         })
     }
 
+    /// True if the device that sends status frames of this manufacturer under this number is wanted.
+    fn shows(&self, manufacturer: Manufacturer, number: u8) -> bool {
+        self.only
+            .is_none_or(|only| only.number == number && only.manufacturer == manufacturer)
+    }
+
     fn show(&mut self, client: &Connection, health: Health) -> Result<(), Failure> {
         let samples: Vec<Sample<'_>> = client
             .statuses()
-            .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
+            .filter(|(number, _)| self.shows(Manufacturer::Digilent, *number))
             .map(|(number, status)| Sample {
                 number,
                 status,
@@ -95,7 +102,7 @@ impl Monitor {
             .collect();
         let talons: Vec<talon::sample::Sample<'_>> = client
             .talon_statuses()
-            .filter(|(number, _)| self.only.is_none_or(|only| only == *number))
+            .filter(|(number, _)| self.shows(Manufacturer::CrossTheRoad, *number))
             .map(|(number, status)| talon::sample::Sample {
                 number,
                 status,

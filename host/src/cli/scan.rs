@@ -7,7 +7,7 @@ use windlass_core::management::wire::ImageType;
 use super::connect::{Connection, devices};
 use super::output::{self, say};
 use super::{Failure, Global, Outcome, talon};
-use crate::client::{Device, Error, Version, product_name};
+use crate::client::{Device, Error, product_name};
 
 /// Arguments of `windlass scan`.
 #[derive(Clone, Debug, clap::Args)]
@@ -37,7 +37,7 @@ pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Fa
         let dialect = dialect.unwrap_or("?");
         let address = device.address.to_string();
         let image = device.image_name();
-        let (application, bootloader) = versions(device);
+        let (application, bootloader) = device.version_names();
         let product = product_name(device.product_id);
         say!("{address:<11} {dialect:<8} {image:<13} {application:<6} {bootloader:<6} {product}")?;
     }
@@ -56,7 +56,7 @@ pub(super) fn run(_arguments: &Arguments, global: &Global) -> Result<Outcome, Fa
     Ok(Outcome::Done)
 }
 
-/// What drives each device; none for bootloaders, and for devices that do not tell.
+/// What drives each device; none for devices that do not tell, as the bootloaders of DMC60C.
 fn dialects(
     client: &mut Connection,
     devices: &[Device],
@@ -74,7 +74,7 @@ fn dialects(
                 Err(error) => return Err(error.into()),
             }
         } else {
-            None
+            device.address.dialect()
         };
         dialects.push(dialect.map(DialectKind::name));
     }
@@ -83,7 +83,7 @@ fn dialects(
 
 /// A device as JSON, the same in every verb.
 pub(super) fn describe(device: &Device) -> Value {
-    let (application, bootloader) = versions(device);
+    let (application, bootloader) = device.version_names();
     json!({
         "device": device.address.to_string(),
         "number": device.address.number,
@@ -93,16 +93,6 @@ pub(super) fn describe(device: &Device) -> Value {
         "bootloader_version": bootloader,
         "product_id": device.product_id,
     })
-}
-
-fn versions(device: &Device) -> (String, String) {
-    match device.versions {
-        Some(versions) => (
-            Version(versions.application).to_string(),
-            Version(versions.bootloader).to_string(),
-        ),
-        None => ("?".to_owned(), "?".to_owned()),
-    }
 }
 
 /// Numbers that more than one device of a dialect has. 0 stands for "none" unless a Talon has it, whose

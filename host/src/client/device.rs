@@ -2,16 +2,39 @@
 
 use std::fmt;
 
+use windlass_core::dialect::{self, DialectKind};
+use windlass_core::frame::Frame;
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::vendor::Descriptor;
 use windlass_core::management::wire::{FirmwareVersions, ImageType};
 
-/// Where a device is reached: its number, and the session that tells it from others with that number.
+/// Where a device is reached: under whose identifiers, its number, and the session that tells it from others
+/// with that number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address {
     /// Device number, 0 if none has been assigned.
     pub number: u8,
     /// Session id, never 0; it changes whenever the device loses the bus or restarts.
     pub session: u16,
+    /// Whose identifiers it is managed with.
+    pub manufacturer: Manufacturer,
+}
+
+impl Address {
+    /// A frame of the guide as this device takes it.
+    pub(super) fn frame(&self, guide: &Frame) -> Frame {
+        guide.with_extended_id(self.manufacturer.identifier(guide.raw_id()))
+    }
+
+    /// The dialect that drives this device, if its manufacturer tells: a DMC60C's channel serves several.
+    #[must_use]
+    pub fn dialect(&self) -> Option<DialectKind> {
+        if self.manufacturer == Manufacturer::default() {
+            return None;
+        }
+        let maker = |kind: &DialectKind| kind.identity().manufacturer == self.manufacturer;
+        dialect::ALL.iter().copied().find(maker)
+    }
 }
 
 impl fmt::Display for Address {
@@ -41,6 +64,19 @@ impl Device {
             None => "unknown",
         }
     }
+
+    /// Versions of the application and the bootloader as text. Without an application that of a Talon is
+    /// 255.255, as its manual has it (2.3.2).
+    pub(crate) fn version_names(&self) -> (String, String) {
+        let Some(versions) = self.versions else {
+            return ("?".to_owned(), "?".to_owned());
+        };
+        let application = match self.address.manufacturer {
+            Manufacturer::CrossTheRoad => Version(versions.application).numbers(),
+            Manufacturer::Digilent => Version(versions.application).to_string(),
+        };
+        (application, Version(versions.bootloader).to_string())
+    }
 }
 
 /// A product id as text.
@@ -65,6 +101,11 @@ pub struct Version(pub u16);
 impl Version {
     /// What a device without an application reports.
     pub const NONE: Self = Self(0xFFFF);
+
+    fn numbers(self) -> String {
+        let [major, minor] = self.0.to_be_bytes();
+        format!("{major}.{minor}")
+    }
 }
 
 impl fmt::Display for Version {
@@ -72,8 +113,7 @@ impl fmt::Display for Version {
         if *self == Self::NONE {
             return out.write_str("none");
         }
-        let [major, minor] = self.0.to_be_bytes();
-        write!(out, "{major}.{minor}")
+        out.write_str(&self.numbers())
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use windlass_core::dialect::DialectKind;
 use windlass_core::frame::Frame;
-use windlass_core::frc_id;
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::wire::{
     EnumerateResponse0, EnumerateResponse1, FirmwareVersions, ImageType, id,
 };
@@ -123,6 +123,9 @@ impl<B: Bus> Client<B> {
     /// # Errors
     /// No answer, or the bus failed.
     pub fn dialect(&mut self, address: Address) -> Result<Option<DialectKind>, Error> {
+        if let Some(dialect) = address.dialect() {
+            return Ok(Some(dialect));
+        }
         match self.parameter(address, ParameterId::Dialect) {
             Ok(value) => Ok(DialectKind::from_code(value.raw)),
             Err(Error::Refused { .. }) => Ok(None),
@@ -144,20 +147,31 @@ impl<B: Bus> Client<B> {
         let Some(session) = selector.session else {
             return Ok(None);
         };
-        let number = match selector.number {
-            Some(number) => Some(number),
-            None => self.number_of(session)?,
-        };
-        let Some(number) = number else {
-            return Ok(None);
-        };
-        let address = Address { number, session };
-        let versions = self.probe(address)?;
-        Ok(versions.map(|versions| Device {
-            address,
-            product_id: None,
-            versions: Some(versions),
-        }))
+        for manufacturer in Manufacturer::ALL {
+            if !selector.allows(manufacturer) {
+                continue;
+            }
+            let number = match selector.number {
+                Some(number) => Some(number),
+                None => self.number_of(session, manufacturer)?,
+            };
+            let Some(number) = number else {
+                continue;
+            };
+            let address = Address {
+                number,
+                session,
+                manufacturer,
+            };
+            if let Some(versions) = self.probe(address)? {
+                return Ok(Some(Device {
+                    address,
+                    product_id: None,
+                    versions: Some(versions),
+                }));
+            }
+        }
+        Ok(None)
     }
 
     /// Why a device did not answer: it may have another session by now.
@@ -168,7 +182,9 @@ impl<B: Bus> Client<B> {
         };
         let numbered: Vec<Address> = addresses(&devices)
             .into_iter()
-            .filter(|present| present.number == address.number)
+            .filter(|present| {
+                present.number == address.number && present.manufacturer == address.manufacturer
+            })
             .collect();
         match numbered.as_slice() {
             [present] if present.session != address.session => Error::WrongSession {
@@ -189,20 +205,22 @@ fn addresses(devices: &[Device]) -> Vec<Address> {
 
 /// Sorts an enumeration answer into its device; the two differ by their length.
 fn collect(answers: &mut BTreeMap<Address, Answers>, frame: &Frame) {
-    let Some(identifier) = frame.extended_id() else {
+    let sender = frame
+        .extended_id()
+        .and_then(|raw| Manufacturer::sender(id::ENUMERATE_RESPONSE, raw));
+    let Some((manufacturer, number)) = sender else {
         return;
     };
-    if frc_id::base(identifier) != id::ENUMERATE_RESPONSE {
-        return;
-    }
-    let number = frc_id::number(identifier);
+    let address = |session| Address {
+        number,
+        session,
+        manufacturer,
+    };
     if let Some(first) = EnumerateResponse0::parse(frame) {
-        let session = first.session;
-        let entry = answers.entry(Address { number, session }).or_default();
+        let entry = answers.entry(address(first.session)).or_default();
         entry.product_id = Some(first.product_id);
     } else if let Some(second) = EnumerateResponse1::parse(frame) {
-        let session = second.session;
-        let entry = answers.entry(Address { number, session }).or_default();
+        let entry = answers.entry(address(second.session)).or_default();
         entry.versions = Some(second.versions);
     }
 }

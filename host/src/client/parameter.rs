@@ -4,7 +4,6 @@ use std::fmt;
 
 use windlass_core::engine::snapshot::{Fault, Faults};
 use windlass_core::frame::Frame;
-use windlass_core::frc_id::with_number;
 use windlass_core::management::vendor::ParameterError;
 use windlass_core::management::wire::{ParameterRequest, ParameterResponse, ParameterSet, id};
 use windlass_core::params::SettingsState;
@@ -358,8 +357,9 @@ impl<B: Bus> Client<B> {
         parameter: ParameterId,
         request: &Frame,
     ) -> Result<Option<ParameterResponse>, BusError> {
-        self.send(request)?;
-        let identifier = with_number(id::PARAMETER_RESPONSE, address.number);
+        self.send(&address.frame(request))?;
+        let maker = address.manufacturer;
+        let identifier = maker.addressed(id::PARAMETER_RESPONSE, address.number);
         self.wait_for(self.answer_timeout, |frame| {
             (frame.extended_id() == Some(identifier))
                 .then(|| ParameterResponse::parse(frame))

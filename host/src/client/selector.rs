@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use windlass_core::dialect::DialectKind;
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::wire::MAX_DEVICE_NUMBER;
 
 use super::Address;
@@ -29,10 +30,17 @@ pub struct Selector {
 pub struct SelectorError(String);
 
 impl Selector {
-    /// True if the selector names this address; the dialect is not looked at.
+    /// True if devices of this manufacturer may be meant.
+    pub(super) fn allows(&self, manufacturer: Manufacturer) -> bool {
+        self.dialect
+            .is_none_or(|dialect| dialect.identity().manufacturer == manufacturer)
+    }
+
+    /// True if the selector names this address. Of the dialect only the manufacturer is looked at.
     #[must_use]
     pub fn matches(&self, address: Address) -> bool {
-        self.number.is_none_or(|number| number == address.number)
+        self.allows(address.manufacturer)
+            && self.number.is_none_or(|number| number == address.number)
             && self
                 .session
                 .is_none_or(|session| session == address.session)
@@ -42,7 +50,7 @@ impl Selector {
 impl From<Address> for Selector {
     fn from(address: Address) -> Self {
         Self {
-            dialect: None,
+            dialect: address.dialect(),
             number: Some(address.number),
             session: Some(address.session),
         }
@@ -98,14 +106,10 @@ fn parse_node(node: &str) -> Result<(Option<DialectKind>, u8), SelectorError> {
         }
         None => (None, node),
     };
-    let number = digits
-        .parse()
-        .ok()
-        .filter(|number| *number <= MAX_DEVICE_NUMBER);
+    let largest = dialect.map_or(MAX_DEVICE_NUMBER, |dialect| dialect.identity().last_number);
+    let number = digits.parse().ok().filter(|number| *number <= largest);
     let number = number.ok_or_else(|| {
-        SelectorError(format!(
-            "\"{digits}\" is no device number (0 to {MAX_DEVICE_NUMBER})"
-        ))
+        SelectorError(format!("\"{digits}\" is no device number (0 to {largest})"))
     })?;
     Ok((dialect, number))
 }
@@ -151,6 +155,7 @@ mod tests {
         for (text, reason) in [
             ("", "missing"),
             ("64", "no device number"),
+            ("talon:63", "no device number (0 to 62)"),
             ("-1", "no device number"),
             ("x", "no device number"),
             ("dmc60c:", "no device number"),
@@ -170,9 +175,12 @@ mod tests {
         let address = Address {
             number: 5,
             session: 0x1234,
+            manufacturer: Manufacturer::CrossTheRoad,
         };
         for (text, matches) in [
             ("5", true),
+            ("talon:5", true),
+            ("dmc60c:5", false),
             ("4", false),
             ("@0x1234", true),
             ("@0x1235", false),

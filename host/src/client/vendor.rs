@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use windlass_core::dialect;
 use windlass_core::frame::Frame;
-use windlass_core::frc_id::{self, with_number};
+use windlass_core::frc_id::with_number;
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::vendor::{Command, CommandCode, Descriptor, PinTest, TestPin};
 use windlass_core::management::wire::{
     FirmwareVersions, MAX_DEVICE_NUMBER, VendorCommand, VendorStatus, id,
@@ -31,6 +33,8 @@ pub(super) struct Exchange<'a> {
     /// Shortest time to wait for the status.
     pub(super) patience: Duration,
     pub(super) attempts: u32,
+    /// The answer may come under another manufacturer: a changed dialect is in force after a restart.
+    pub(super) restarts: bool,
 }
 
 impl Exchange<'static> {
@@ -44,6 +48,7 @@ impl Exchange<'static> {
             answers_as: number,
             patience: Duration::ZERO,
             attempts: ATTEMPTS,
+            restarts: false,
         }
     }
 }
@@ -52,17 +57,18 @@ impl Exchange<'static> {
 pub(super) struct Reply {
     pub(super) code: u16,
     pub(super) data: Vec<u8>,
+    /// Whose identifier it came with.
+    pub(super) manufacturer: Manufacturer,
 }
 
 impl<B: Bus> Client<B> {
-    /// Gives the device another number, 1 to 63, and returns its new address.
+    /// Gives the device another number, 1 to 63 (a Talon 0 to 62), and returns its new address.
     ///
     /// # Errors
     /// Number out of range, no answer, or the device refused.
     pub fn set_device_number(&mut self, address: Address, number: u8) -> Result<Address, Error> {
-        check_number(number)?;
-        let session = address.session;
-        let renumbered = Address { number, session };
+        check_number(number, Some(address.manufacturer))?;
+        let renumbered = Address { number, ..address };
         let exchange = Exchange {
             param1: u16::from(number),
             answers_as: number,
@@ -165,20 +171,21 @@ impl<B: Bus> Client<B> {
         Ok(u32::from_le_bytes(bytes))
     }
 
-    /// Restarts the device into its bootloader and waits until that answers. The session stays.
+    /// Restarts the device into its bootloader and waits until that answers. The session stays; returned is the
+    /// address, whose manufacturer is another one if the stored dialect has been changed.
     ///
     /// # Errors
     /// No answer within three seconds, or the device refused.
-    pub fn enter_bootloader(&mut self, address: Address) -> Result<(), Error> {
+    pub fn enter_bootloader(&mut self, address: Address) -> Result<Address, Error> {
         self.restart(address, Command::EnterBootloader, CommandCode::InBootloader)
     }
 
-    /// Restarts the device and waits until its application answers. The session stays. Without an
-    /// application the device gives no answer.
+    /// Restarts the device and waits until its application answers. The session stays; returned is the
+    /// address, as by [`Client::enter_bootloader`]. Without an application the device gives no answer.
     ///
     /// # Errors
     /// No answer within three seconds, or the device refused.
-    pub fn soft_reset(&mut self, address: Address) -> Result<(), Error> {
+    pub fn soft_reset(&mut self, address: Address) -> Result<Address, Error> {
         self.restart(address, Command::SoftReset, CommandCode::AcknowledgeReset)
     }
 
@@ -209,14 +216,19 @@ impl<B: Bus> Client<B> {
         address: Address,
         command: Command,
         expected: CommandCode,
-    ) -> Result<(), Error> {
+    ) -> Result<Address, Error> {
         let exchange = Exchange {
             patience: RESTART_TIME,
             attempts: 1,
+            restarts: true,
             ..Exchange::plain(command, address.number)
         };
         let reply = self.transact(address, &exchange)?;
-        expect(address, command, &reply, expected)
+        expect(address, command, &reply, expected)?;
+        Ok(Address {
+            manufacturer: reply.manufacturer,
+            ..address
+        })
     }
 
     /// Runs a command without parameters that returns `N` bytes.
@@ -251,9 +263,13 @@ impl<B: Bus> Client<B> {
         Ok(None)
     }
 
-    /// The number of the device with this session, asked of all numbers at once: only the device whose
-    /// session it is answers.
-    pub(super) fn number_of(&mut self, session: u16) -> Result<Option<u8>, BusError> {
+    /// The number of the device of this manufacturer with this session, asked of all numbers at once: only the
+    /// device whose session it is answers.
+    pub(super) fn number_of(
+        &mut self,
+        session: u16,
+        manufacturer: Manufacturer,
+    ) -> Result<Option<u8>, BusError> {
         let question = VendorCommand {
             session,
             command: Command::GetFirmwareVersion.code(),
@@ -261,11 +277,16 @@ impl<B: Bus> Client<B> {
             param2: 0,
         };
         for number in 0..=MAX_DEVICE_NUMBER {
-            self.send(&question.emit(number))?;
+            let address = Address {
+                number,
+                session,
+                manufacturer,
+            };
+            self.send(&address.frame(&question.emit(number)))?;
         }
         self.wait_for(self.answer_timeout, |frame| {
-            let number = frc_id::number(frame.extended_id()?);
-            status_of(frame, number).map(|_| number)
+            let (sender, _) = status_of(frame)?;
+            (sender.0 == manufacturer).then_some(sender.1)
         })
     }
 
@@ -297,31 +318,37 @@ impl<B: Bus> Client<B> {
         let data = chunks.filter_map(|chunk| data_out(address.number, chunk));
         let frames: Vec<Frame> = std::iter::once(command.emit(address.number))
             .chain(data)
+            .map(|frame| address.frame(&frame))
             .collect();
         self.send_all(&frames)?;
         let wait = self.answer_timeout.max(exchange.patience);
         let numbers = [exchange.answers_as, address.number];
-        let status = self.wait_for(wait, |frame| {
-            numbers
-                .into_iter()
-                .find_map(|number| status_of(frame, number))
+        let answer = self.wait_for(wait, |frame| {
+            let ((maker, number), status) = status_of(frame)?;
+            let is_its = exchange.restarts || maker == address.manufacturer;
+            (is_its && numbers.contains(&number)).then_some((maker, status))
         })?;
-        match status {
-            Some(status) => self.collect(exchange.answers_as, status),
+        match answer {
+            Some((maker, status)) => self.collect((maker, exchange.answers_as), status),
             None => Ok(None),
         }
     }
 
     /// Receives the data that a status announces. A second status means that the device has started
     /// the answer again (an earlier request was answered late); `None` if data is missing.
-    fn collect(&mut self, number: u8, mut status: VendorStatus) -> Result<Option<Reply>, BusError> {
+    fn collect(
+        &mut self,
+        sender: Sender,
+        mut status: VendorStatus,
+    ) -> Result<Option<Reply>, BusError> {
+        let (manufacturer, number) = sender;
         let mut data = Vec::new();
         while data.len() < usize::from(status.byte_count) {
             let part = self.wait_for(self.answer_timeout, |frame| {
-                if let Some(status) = status_of(frame, number) {
+                if let Some((_, status)) = status_of(frame).filter(|found| found.0 == sender) {
                     return Some(Part::Again(status));
                 }
-                let data_in = with_number(id::VENDOR_DATA_IN, number);
+                let data_in = manufacturer.addressed(id::VENDOR_DATA_IN, number);
                 (frame.extended_id() == Some(data_in)).then(|| Part::Data(frame.data().to_vec()))
             })?;
             match part {
@@ -334,7 +361,11 @@ impl<B: Bus> Client<B> {
             }
         }
         let code = status.code;
-        Ok(Some(Reply { code, data }))
+        Ok(Some(Reply {
+            code,
+            data,
+            manufacturer,
+        }))
     }
 }
 
@@ -352,12 +383,12 @@ enum Part {
     Again(VendorStatus),
 }
 
-fn status_of(frame: &Frame, number: u8) -> Option<VendorStatus> {
-    let identifier = frame.extended_id()?;
-    if frc_id::base(identifier) != id::VENDOR_STATUS || frc_id::number(identifier) != number {
-        return None;
-    }
-    VendorStatus::parse(frame)
+/// Under whose identifier and number an answer came.
+type Sender = (Manufacturer, u8);
+
+fn status_of(frame: &Frame) -> Option<(Sender, VendorStatus)> {
+    let sender = Manufacturer::sender(id::VENDOR_STATUS, frame.extended_id()?)?;
+    Some((sender, VendorStatus::parse(frame)?))
 }
 
 fn data_out(number: u8, chunk: &[u8]) -> Option<Frame> {
@@ -365,13 +396,29 @@ fn data_out(number: u8, chunk: &[u8]) -> Option<Frame> {
     Frame::new(embedded_can::ExtendedId::new(identifier)?, chunk)
 }
 
-/// Whether a device may be given this number.
-pub(crate) fn check_number(number: u8) -> Result<(), ValueError> {
-    if (1..=MAX_DEVICE_NUMBER).contains(&number) {
+/// Whether a device of this manufacturer, or any device, may be given this number.
+pub(crate) fn check_number(
+    number: u8,
+    manufacturer: Option<Manufacturer>,
+) -> Result<(), ValueError> {
+    let kinds = dialect::ALL.iter().map(|kind| kind.identity());
+    let mut kinds = kinds
+        .filter(|kind| manufacturer.is_none_or(|manufacturer| manufacturer == kind.manufacturer));
+    if kinds
+        .clone()
+        .any(|kind| kind.assignable(u16::from(number)).is_some())
+    {
         return Ok(());
     }
+    let range = match (manufacturer, kinds.next()) {
+        (Some(_), Some(kind)) => format!(
+            " for a {} ({} to {})",
+            kind.product_name, kind.first_number, kind.last_number
+        ),
+        _ => format!(" (1 to {MAX_DEVICE_NUMBER})"),
+    };
     Err(ValueError::new(format!(
-        "device number {number} is out of range (1 to {MAX_DEVICE_NUMBER})"
+        "device number {number} is out of range{range}"
     )))
 }
 

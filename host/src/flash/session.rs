@@ -4,8 +4,11 @@ use std::time::Duration;
 
 use windlass_core::boot::image::{Hardware, NO_VERSION};
 use windlass_core::boot::status::BootStatus;
+use windlass_core::dialect::{self, DialectKind};
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::vendor::{CommandCode, Descriptor};
 use windlass_core::management::wire::ImageType;
+use windlass_core::node::PRODUCT_DMC60C;
 
 use super::{FlashError, Observer, Options, Phase, Report};
 use crate::client::{self, Address, Client, Device, Version};
@@ -175,12 +178,12 @@ impl<'a, B: Bus> Session<'a, B> {
             let found = devices.iter().find(|device| device.address == self.address);
             self.product = found.and_then(|device| device.product_id);
         }
+        if let Some(product_id) = self.product {
+            self.product = Some(image_product(product_id));
+        }
         if versions.image == ImageType::Application {
             self.client.listen(DRIVE_CHECK)?;
-            let now = self.client.now();
-            let status = self.client.status(self.address.number);
-            let general = status.and_then(|status| status.general.as_ref());
-            if general.is_some_and(|live| !live.is_stale(now) && live.value.duty != 0) {
+            if self.is_driving() {
                 return Err(FlashError::Driving(self.address));
             }
         }
@@ -360,11 +363,44 @@ impl<'a, B: Bus> Session<'a, B> {
             self.observer.phase(Phase::Enter);
             self.entered = true;
             let restarted = self.client.enter_bootloader(self.address);
-            unless_refused(restarted)?;
+            self.restarted(restarted)?;
         }
         match self.image()? {
             ImageType::Application => Err(self.silence("vcmdEnterBootloader").into()),
             _ => Ok(()),
+        }
+    }
+
+    /// The result of a restart, except that silence and statuses of something else are no errors: the
+    /// acknowledgement may be lost, or the late answer to a page may come first. What runs is asked for anyway.
+    fn restarted(&mut self, result: Result<Address, client::Error>) -> Result<(), client::Error> {
+        match result {
+            Ok(address) => self.address = address,
+            Err(client::Error::NoAnswer { .. }) => {}
+            Err(client::Error::Refused { code, .. })
+                if code != CommandCode::NotSupported.name() => {}
+            Err(other) => return Err(other),
+        }
+        Ok(())
+    }
+
+    /// True if the device reports that it drives.
+    fn is_driving(&self) -> bool {
+        let now = self.client.now();
+        let number = self.address.number;
+        match self.address.manufacturer {
+            Manufacturer::Digilent => {
+                let status = self.client.status(number);
+                let general = status.and_then(|status| status.general.as_ref());
+                general.is_some_and(|live| !live.is_stale(now) && live.value.duty != 0)
+            }
+            Manufacturer::CrossTheRoad => {
+                let status = self.client.talon_status(number);
+                let general = status.and_then(|status| status.general);
+                general.is_some_and(|live| {
+                    now.saturating_sub(live.at) <= DRIVE_CHECK && live.value.throttle != 0
+                })
+            }
         }
     }
 
@@ -381,16 +417,16 @@ impl<'a, B: Bus> Session<'a, B> {
 
     /// Restarts the device and waits until the version is read from its application.
     fn start(&mut self, wanted: Version) -> Result<(), FlashError> {
-        let address = self.address;
         for _ in 0..RESTARTS {
             if self.image()? == ImageType::Application {
                 break;
             }
             self.observer.phase(Phase::Restart);
-            let restarted = self.client.soft_reset(address);
-            unless_refused(restarted)?;
+            let restarted = self.client.soft_reset(self.address);
+            self.restarted(restarted)?;
         }
         self.observer.phase(Phase::Confirm);
+        let address = self.address;
         let versions = self.client.firmware_versions(address)?;
         if versions.image != ImageType::Application {
             let status = self.client.boot_status(address)?;
@@ -409,16 +445,14 @@ impl<'a, B: Bus> Session<'a, B> {
     }
 }
 
-/// The result of a restart, except that silence and statuses of something else are no errors: the
-/// acknowledgement may be lost, or the late answer to a page may come first. What runs is asked for anyway.
-fn unless_refused(result: Result<(), client::Error>) -> Result<(), client::Error> {
-    match result {
-        Err(client::Error::NoAnswer { .. }) => Ok(()),
-        Err(client::Error::Refused { code, .. }) if code != CommandCode::NotSupported.name() => {
-            Ok(())
-        }
-        other => other,
+/// The product that images for a device have to be for. Controllers of this project say what their dialect is;
+/// images are for the boards, whatever dialect drives them.
+fn image_product(product_id: u32) -> u32 {
+    let is_own = |kind: &DialectKind| kind.identity().product_id == product_id;
+    if dialect::ALL.iter().any(is_own) {
+        return PRODUCT_DMC60C;
     }
+    product_id
 }
 
 fn hardware_name(id: u32) -> String {

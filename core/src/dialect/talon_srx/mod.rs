@@ -31,6 +31,8 @@ use crate::field::saturate_i16;
 use crate::frame::Frame;
 use crate::led::Style;
 use crate::frc_id::{NUMBER_MASK, base, number};
+use crate::management::Identity;
+use crate::management::identity::Manufacturer;
 use crate::params::{Params, SaveRule};
 use crate::params::table::ParameterId;
 use crate::time::{Duration, Instant, TICKS_PER_MS};
@@ -43,6 +45,9 @@ const ANSWER_CAPACITY: usize = 96;
 /// Default periods of Status_1, 2, 3, 4, 6 and 7 in ms, 0 = off (manual 20.1 to 20.4; 6 and 7 by
 /// docs/talon-srx.md).
 const PERIODS: [u8; 6] = [10, 20, 100, 100, 0, 0];
+
+/// Product identifier in the answer to an enumeration: product 0x204, variant 1, firmware id 1; our own.
+pub const PRODUCT_TALON_SRX: u32 = 0x2040_0101;
 
 /// What the dialect remembers.
 #[derive(Clone, Debug)]
@@ -93,6 +98,17 @@ impl Default for TalonSrx {
 
 impl Dialect for TalonSrx {
     const NAME: &'static str = "talon";
+
+    /// Numbers 0 to 62 (manual 1, 2.1); 0 is the number of a new device (2.2). Everything else is our own:
+    /// the product id of this protocol is not public.
+    const IDENTITY: Identity = Identity {
+        manufacturer: Manufacturer::CrossTheRoad,
+        product_id: PRODUCT_TALON_SRX,
+        manufacturer_name: "Windlass",
+        product_name: "Talon SRX (Windlass)",
+        first_number: 0,
+        last_number: wire::MAX_DEVICE_NUMBER,
+    };
 
     /// Enable and command 100 ms, follower 100 ms (manual 16.5); of the faults only a failure of the power
     /// stage stops (manual 21.5), for 3 s; under-voltage below 6.5 V and over-temperature from 100 °C are

@@ -162,8 +162,12 @@ fn strings_are_stored_at_once() {
     let data = Frame::extended(id::VENDOR_DATA_OUT | 5, *b"winch\0");
     bench.receive(&data);
     assert_eq!(
-        bench.node.stored().descriptors.get(Descriptor::DeviceName),
-        b"winch"
+        bench
+            .node
+            .stored()
+            .descriptors
+            .stored(Descriptor::DeviceName),
+        Some(&b"winch"[..])
     );
     assert_eq!(bench.actions, [Action::Save]);
     assert_eq!(

@@ -77,9 +77,10 @@ impl Set {
 
     /// Ends the CRC that has taken the entries.
     pub(super) fn finish_crc(&self, mut entries: Crc32) -> u32 {
-        entries.update(&self.address.to_le_bytes());
-        entries.update(&self.shape());
-        entries.update(&self.sequence.to_le_bytes());
+        let (address, sequence) = (self.address.to_le_bytes(), self.sequence.to_le_bytes());
+        for part in [&address[..], &self.shape(), &sequence] {
+            entries.update(part);
+        }
         entries.finish()
     }
 

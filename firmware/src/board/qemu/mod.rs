@@ -95,7 +95,7 @@ impl Jitter {
 fn SysTick() {
     static mut CONTROL: Control = Control::new();
     JITTER.note(chip::cycles_of_tick());
-    if let Some(sample) = rig::SAMPLE.get() {
+    if let Some(sample) = rig::SAMPLE.get().get() {
         let actuation = CONTROL.tick(&CROSSING, &sample);
         rig::ACTUATION.put(actuation);
     } else {

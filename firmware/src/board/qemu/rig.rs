@@ -9,21 +9,21 @@ use windlass_sim::{PlantConfig, Poke, Rig};
 use core::cell::RefCell;
 use critical_section::Mutex;
 
-use crate::latest::Latest;
+use crate::latest::{Latest, Maybe};
 
 /// Seed of the sensors' noise.
 const SEED: u64 = 1;
 
 /// What the next tick measures.
-pub(super) static SAMPLE: Latest<Option<Sample>> = Latest::new(None);
+pub(super) static SAMPLE: Latest<Maybe<Sample>> = Latest::empty();
 /// What the latest tick decided.
 pub(super) static ACTUATION: Latest<Actuation> = Latest::new(Actuation::Off);
 
 /// Pokes on their way to the plant.
 static POKES: Mutex<RefCell<Deque<Poke, 16>>> = Mutex::new(RefCell::new(Deque::new()));
 /// A pin test on its way to the plant, and its result.
-static PIN_TEST: Latest<Option<PinTest>> = Latest::new(None);
-static PIN_RESULT: Latest<Option<Option<TestPin>>> = Latest::new(None);
+static PIN_TEST: Latest<Maybe<PinTest>> = Latest::empty();
+static PIN_RESULT: Latest<Maybe<Option<TestPin>>> = Latest::empty();
 
 /// Queues a poke; false if too many wait.
 pub(super) fn poke(poke: Poke) -> bool {
@@ -32,7 +32,7 @@ pub(super) fn poke(poke: Poke) -> bool {
 
 /// Lets the plant test the header's pins: it runs in between, at the latest after the next tick.
 pub(super) fn test_pins(test: PinTest) -> Option<TestPin> {
-    PIN_TEST.put(Some(test));
+    PIN_TEST.offer(test);
     loop {
         if let Some(result) = PIN_RESULT.take() {
             return result;
@@ -49,8 +49,8 @@ fn PendSV() {
         rig.poke(poke);
     }
     if let Some(test) = PIN_TEST.take() {
-        PIN_RESULT.put(Some(rig.test_pins(test)));
+        PIN_RESULT.offer(rig.test_pins(test));
     }
     rig.advance(ACTUATION.get());
-    SAMPLE.put(Some(rig.sample()));
+    SAMPLE.offer(rig.sample());
 }

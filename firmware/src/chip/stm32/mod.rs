@@ -2,10 +2,11 @@
 //! H-bridge timer and encoder timer. What differs (clocks, CAN, converter) stands beside, one folder each.
 //!
 //! Section numbers are those of RM0090 (STM32F405, revision 20) and RM0440 (STM32G4, revision 8), in this
-//! order. A bootloader needs nothing of [`bridge`] and [`encoder`].
+//! order. A bootloader needs nothing of [`bridge`], [`encoder`] and [`pulse`].
 
 pub mod bridge;
 pub mod encoder;
+pub mod pulse;
 
 use core::convert::Infallible;
 use core::ptr;
@@ -14,9 +15,10 @@ use cortex_m::peripheral::NVIC;
 use embedded_hal::digital::{ErrorType, InputPin};
 use stm32_metapac::gpio::Gpio;
 use stm32_metapac::gpio::regs::Bsrr;
-use stm32_metapac::gpio::vals::{Moder, Pupdr};
+use stm32_metapac::gpio::vals::{Moder, Ospeedr, Pupdr};
 use stm32_metapac::iwdg::vals::{Key, Pr};
-use stm32_metapac::{EXTI, IWDG, Interrupt, TIM7, UID};
+use stm32_metapac::timer::TimGp16;
+use stm32_metapac::{EXTI, IWDG, Interrupt, TIM2, TIM7, UID};
 use windlass_core::time::TICK;
 
 #[cfg(not(feature = "bootloader"))]
@@ -48,16 +50,22 @@ const PERIOD: Period = if cfg!(feature = "bootloader") {
 /// Line of the supply detector among the external interrupts (12.2.5; 15.3, table 103).
 const SUPPLY_LINE: usize = 16;
 
+/// TIM2 by the registers that all general-purpose timers have.
+// SAFETY: it has the registers of the timers with 16 bits at the same places; its counters are wider.
+pub const TIM2_AS_16_BITS: TimGp16 = unsafe { TimGp16::from_ptr(TIM2.as_ptr()) };
+
 /// A pin of a port, 0 to 15; the functions below keep that range, because the register's own check would be a panic
 /// path.
 #[derive(Clone, Copy)]
 pub struct Pin(pub Gpio, pub usize);
 
 impl Pin {
-    /// Gives the pin to a peripheral (8.3.2; 9.3.2).
-    #[inline]
+    /// Gives the pin to a peripheral (8.3.2; 9.3.2). As slow as a reset leaves it, an output may take 100 ns for an
+    /// edge, a tenth of a bit on the bus and of the bridge's dead time (data sheet, I/O AC characteristics).
     pub fn alternate(self, function: u8) {
         let Self(port, pin) = self;
+        port.ospeedr()
+            .modify(|speed| speed.set_ospeedr(pin % 16, Ospeedr::MEDIUM_SPEED));
         port.afr(pin / 8 % 2)
             .modify(|select| select.set_afr(pin % 8, function));
         self.mode(Moder::ALTERNATE);
@@ -79,9 +87,18 @@ impl Pin {
     /// Switches the pull-up on, whatever the pin is used for.
     #[inline]
     pub fn pulled_up(self) {
+        self.pull(Pupdr::PULL_UP);
+    }
+
+    /// Switches the pull-down on, whatever the pin is used for.
+    #[inline]
+    pub fn pulled_down(self) {
+        self.pull(Pupdr::PULL_DOWN);
+    }
+
+    fn pull(self, to: Pupdr) {
         let Self(port, pin) = self;
-        port.pupdr()
-            .modify(|pull| pull.set_pupdr(pin % 16, Pupdr::PULL_UP));
+        port.pupdr().modify(|pull| pull.set_pupdr(pin % 16, to));
     }
 
     /// Makes it an output, low.

@@ -44,9 +44,12 @@ impl Can {
         CAN1.ier().write(|enable| {
             enable.set_fmpie(0, true);
             enable.set_tmeie(true);
+            enable.set_lecie(true);
+            enable.set_errie(true);
         });
         enable(nvic, Interrupt::CAN1_RX0, PRIORITY_CAN);
         enable(nvic, Interrupt::CAN1_TX, PRIORITY_CAN);
+        enable(nvic, Interrupt::CAN1_SCE, PRIORITY_CAN);
         can
     }
 
@@ -134,6 +137,10 @@ impl Bus for Can {
     fn dropped(&self) -> u32 {
         self.lost_frames()
     }
+
+    fn errors(&self) -> u32 {
+        self.seen_errors()
+    }
 }
 
 /// Between the bus and what its interrupts have noted.
@@ -154,6 +161,10 @@ impl Can {
     fn lost_frames(&self) -> u32 {
         MAILBOX.dropped()
     }
+
+    fn seen_errors(&self) -> u32 {
+        MAILBOX.errors()
+    }
 }
 
 /// Between the bus and the controller itself.
@@ -171,8 +182,12 @@ impl Can {
         self.line.poll(attempt_ended(), request, received)
     }
 
-    /// A bootloader counts nothing.
+    // A bootloader counts nothing.
     fn lost_frames(&self) -> u32 {
+        0
+    }
+
+    fn seen_errors(&self) -> u32 {
         0
     }
 }
@@ -198,6 +213,15 @@ fn CAN1_TX() {
     {
         request();
     }
+}
+
+/// An error was detected (32.8, CAN interrupts). Its code stays in ESR, where the other interrupt reads it.
+#[cfg(not(feature = "bootloader"))]
+#[interrupt]
+fn CAN1_SCE() {
+    // Writing a one clears the flag; ones at the other flags would clear those.
+    CAN1.msr().write(|clear| clear.set_erri(true));
+    MAILBOX.count_error();
 }
 
 /// Starts the attempt to send what stands in the mailbox.

@@ -91,6 +91,7 @@ pub fn start_clocks(crystal_mhz: u8) {
     });
     RCC.apb1enr().modify(|enable| {
         enable.set_tim2en(true);
+        enable.set_tim3en(true);
         enable.set_tim7en(true);
         enable.set_can1en(true);
     });

@@ -4,7 +4,7 @@
 #[cfg(not(feature = "bootloader"))]
 use cortex_m::peripheral::NVIC;
 use embedded_can::{ExtendedId, Id, StandardId};
-use stm32_metapac::can::vals::{Anfe, Anfs, Lec};
+use stm32_metapac::can::vals::{Anfe, Anfs, Lec, Tfqm};
 use stm32_metapac::{FDCAN1, FDCANRAM1};
 #[cfg(not(feature = "bootloader"))]
 use stm32_metapac::{Interrupt, interrupt};
@@ -55,6 +55,7 @@ impl Can {
             enable.set_rfle(0, true);
             enable.set_tce(true);
             enable.set_tcfe(true);
+            enable.set_peae(true);
         });
         FDCAN1.ile().write(|lines| lines.set_eint0(true));
         enable(nvic, Interrupt::FDCAN1_IT0, PRIORITY_CAN);
@@ -82,6 +83,9 @@ impl Can {
             timing.set_ntseg2(3 - 1);
             timing.set_nsjw(3 - 1);
         });
+        // A queue, whose buffers may be used in any order, so that every frame goes through buffer 0. After a reset it
+        // is a FIFO, which takes them in turn: a second request for buffer 0 would wait for the two others (44.3.3).
+        FDCAN1.txbc().write(|sending| sending.set_tfqm(Tfqm::QUEUE));
         // Everything into FIFO 0: any frame shows the node that there is a bus.
         FDCAN1.rxgfc().write(|filters| {
             filters.set_anfe(Anfe::ACCEPT_FIFO_0);
@@ -140,6 +144,10 @@ impl Bus for Can {
     fn dropped(&self) -> u32 {
         self.lost_frames()
     }
+
+    fn errors(&self) -> u32 {
+        self.seen_errors()
+    }
 }
 
 /// Starts an attempt; errors from before do not count.
@@ -166,6 +174,10 @@ impl Can {
     fn lost_frames(&self) -> u32 {
         MAILBOX.dropped()
     }
+
+    fn seen_errors(&self) -> u32 {
+        MAILBOX.errors()
+    }
 }
 
 /// Between the bus and the controller itself.
@@ -183,8 +195,12 @@ impl Can {
         self.line.poll(attempt_ended(), request, received)
     }
 
-    /// A bootloader counts nothing.
+    // A bootloader counts nothing.
     fn lost_frames(&self) -> u32 {
+        0
+    }
+
+    fn seen_errors(&self) -> u32 {
         0
     }
 }
@@ -197,6 +213,7 @@ fn FDCAN1_IT0() {
     FDCAN1.ir().write(|seen| {
         seen.set_rfn(0, flags.rfn(0));
         seen.set_rfl(0, flags.rfl(0));
+        seen.set_pea(flags.pea());
     });
     while FDCAN1.rxfs(0).read().ffl() > 0 {
         if let Some(frame) = received() {
@@ -205,6 +222,10 @@ fn FDCAN1_IT0() {
     }
     if flags.rfl(0) {
         MAILBOX.count_drop();
+    }
+    // An error of any kind: classic frames have no other phase than that of arbitration (FDCAN_IR, PEA).
+    if flags.pea() {
+        MAILBOX.count_error();
     }
     if let Some(attempt) = attempt_ended()
         && MAILBOX.ended(attempt)

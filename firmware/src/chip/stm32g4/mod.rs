@@ -107,6 +107,7 @@ fn start_peripherals() {
     });
     RCC.apb1enr1().modify(|enable| {
         enable.set_tim2en(true);
+        enable.set_tim3en(true);
         enable.set_tim4en(true);
         enable.set_tim7en(true);
         enable.set_fdcanen(true);

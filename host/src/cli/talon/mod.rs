@@ -8,13 +8,12 @@ pub(super) mod test;
 
 use std::time::Duration;
 
-use windlass_core::dialect::talon_srx::wire::MAX_DEVICE_NUMBER;
 use windlass_core::management::wire::ImageType;
 
 use super::connect::Connection;
 use super::{Failure, Global};
 use crate::client::talon::Robot;
-use crate::client::{Device, Selector, ValueError};
+use crate::client::{Device, Selector};
 use crate::transport::Bus;
 
 /// Name of the dialect.
@@ -36,16 +35,6 @@ pub(super) fn is_talon(client: &mut Connection, device: &Device) -> Result<bool,
 /// True for the name of the Talon's dialect.
 pub(super) fn is_name(dialect: Option<&str>) -> bool {
     dialect == Some(DIALECT)
-}
-
-/// Whether a Talon may have this number (manual 2.1).
-pub(super) fn check_number(number: u8) -> Result<(), ValueError> {
-    if number <= MAX_DEVICE_NUMBER {
-        return Ok(());
-    }
-    Err(ValueError::new(format!(
-        "device number {number} is out of range for a Talon (0 to {MAX_DEVICE_NUMBER}; 63 is for broadcasts)"
-    )))
 }
 
 /// The number of the Talon that a selector names without a session, whether it is there or not.
