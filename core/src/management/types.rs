@@ -3,9 +3,10 @@
 use super::vendor::{Descriptor, PinTest};
 use crate::dialect::{Bad, Request as ParameterQuery};
 use crate::frame::Frame;
+use crate::params::store::Text;
 
 /// A request of the host, checked, to be executed by the node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Enumerate.
     Enumerate,
@@ -13,8 +14,8 @@ pub enum Request {
     Parameter(ParameterQuery),
     /// Store the device number, one that the [`Identity`](super::Identity) allows.
     SetNumber(u8),
-    /// Store a descriptor: [`Management::text`](super::Management::text).
-    SetDescriptor(Descriptor),
+    /// Store a descriptor.
+    SetDescriptor(Descriptor, Text),
     /// Put the settings back to their defaults; `all`: device number and strings as well.
     FactoryReset {
         /// Device number and every string too, not only parameters, faults and the device's name.
@@ -65,7 +66,7 @@ pub struct Chunk {
 }
 
 /// What a frame turned out to be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Decoded {
     /// Not for the management channel.
     NotMine,

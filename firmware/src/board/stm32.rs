@@ -7,7 +7,7 @@ use static_cell::StaticCell;
 use stm32_metapac::Interrupt;
 use windlass_core::bridge;
 use windlass_core::engine;
-use windlass_core::engine::snapshot::{Actuation, Sample};
+use windlass_core::engine::snapshot::{self, Actuation, Sample};
 use windlass_core::led::{Colour, Leds};
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::Handover;
@@ -53,11 +53,8 @@ pub(super) struct Panel {
 impl Panel {
     /// Makes outputs and the input.
     pub(super) fn start(self) {
-        let [one, two, three] = self.status;
-        for pin in &[one, two, three, self.brake] {
-            if let Some(pin) = pin {
-                pin.output();
-            }
+        for pin in self.status.into_iter().chain([self.brake]).flatten() {
+            pin.output();
         }
         if let Some(button) = self.button {
             button.input();
@@ -71,9 +68,9 @@ impl Panel {
         match self.status {
             [Some(only), None, None] => only.set(red || green || blue),
             pins => {
-                for (pin, on) in pins.iter().zip(&[red, green, blue]) {
+                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
                     if let Some(pin) = pin {
-                        pin.set(*on);
+                        pin.set(on);
                     }
                 }
             }
@@ -201,7 +198,7 @@ impl Tick {
             pins,
             index_rising: self.position.index(rising),
             index_falling: self.position.index(falling),
-            encoder_a_rises: self.rises.follow(pins.encoder_a),
+            encoder_a_rises: self.rises.follow(pins.is_high(snapshot::Pin::EncoderA)),
             current: analog.current,
             bus_voltage: analog.bus_voltage,
             temperature: analog.temperature,

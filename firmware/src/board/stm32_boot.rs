@@ -1,5 +1,6 @@
 //! The bootloader of all STM32 boards.
 
+use cortex_m::Peripherals;
 use static_cell::ConstStaticCell;
 use stm32_metapac::TIM7;
 use windlass_core::boot::image::{PAGE_SIZE, Page};
@@ -8,7 +9,7 @@ use windlass_core::led::Leds;
 use windlass_core::params::journal::Journal;
 use windlass_core::time::{Duration, Instant};
 
-use super::stm32::{Description, Panel};
+use super::stm32::Description;
 use crate::bootloader::{Station, decide, stay};
 use crate::chip::family;
 use crate::chip::family::can::Can;
@@ -22,14 +23,14 @@ use crate::record::Cause;
 static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
 /// The board's part of the loader.
-struct Front {
-    panel: Panel,
+struct Front<'a> {
+    board: &'a Description,
     can: Can,
     now: Instant,
     count: u16,
 }
 
-impl Station for Front {
+impl Station for Front<'_> {
     type Bus = Can;
 
     /// While the processor waits for its flash, time stands still by multiples of 65 ms.
@@ -46,7 +47,7 @@ impl Station for Front {
     }
 
     fn show(&mut self, leds: Leds) {
-        self.panel.show(leds);
+        self.board.panel.show(leds);
     }
 
     fn feed_watchdog(&mut self) {
@@ -55,7 +56,6 @@ impl Station for Front {
 }
 
 /// Starts the application, or stays. `prepare` sets up what the board's CAN transceiver needs besides its two pins.
-#[inline]
 pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     let cause = family::take_reset_cause(&RECORD);
     family::await_supply();
@@ -78,17 +78,19 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     prepare();
     board.panel.start();
     chip::start_clock(board.tick_mhz);
-    if let Some(page) = PAGE.try_take() {
+    if let Some(mut core) = Peripherals::take()
+        && let Some(page) = PAGE.try_take()
+    {
         let mut loader = Loader::with_page(&config, &mut memory, page);
         let [receive, transmit] = board.can;
         let mut front = Front {
-            panel: board.panel,
-            can: Can::join(receive, transmit),
+            board,
+            can: Can::start(&mut core.NVIC, receive, transmit),
             now: Instant::ZERO,
             count: 0,
         };
         fault::end(stay(&mut front, &mut loader, &mut memory));
     }
-    // It is taken once: the program comes here once.
+    // Both are taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })
 }

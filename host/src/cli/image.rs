@@ -136,7 +136,9 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
         document["format"] = json!(contents.format.name());
         document["sealed"] = json!(image.is_some());
         document["image_crc"] = json!(image.as_ref().map(|image| image.header().image_crc));
-        let signed = image.as_ref().map(|image| image.header().signed);
+        let signed = image
+            .as_ref()
+            .map(|image| image.header().signature.is_some());
         document["signed"] = json!(signed.unwrap_or(false));
         document["notices"] = json!(contents.notices);
         output::json(&document)?;
@@ -151,7 +153,7 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
     say!("  {:<12} {}", "pages", page_list(contents.pages.bitmap()))?;
     match &image {
         Some(image) => {
-            let signed = image.header().signed;
+            let signature = image.header().signature;
             say!(
                 "  {:<12} CRC {:#010x}, whole",
                 "seal",
@@ -160,7 +162,7 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
             say!(
                 "  {:<12} {}",
                 "signature",
-                if signed { "yes" } else { "none" }
+                if signature.is_some() { "yes" } else { "none" }
             )?;
         }
         None => say!("  {:<12} none: seal it with `windlass image pack`", "seal")?,
@@ -314,11 +316,15 @@ fn report(to: &Path, image: &Image, global: &Global) -> Result<Outcome, Failure>
             "hardware": image.hardware_name(),
             "pages": image.pages().len(),
             "image_crc": header.image_crc,
-            "signed": header.signed,
+            "signed": header.signature.is_some(),
         }))?;
         return Ok(Outcome::Done);
     }
-    let signed = if header.signed { ", signed" } else { "" };
+    let signed = if header.signature.is_some() {
+        ", signed"
+    } else {
+        ""
+    };
     say!(
         "{}: version {version} for {}, {} pages, CRC {:#010x}{signed}",
         to.display(),
@@ -398,16 +404,16 @@ fn verify(path: &Path, key: Option<&Path>, global: &Global) -> Result<Outcome, F
         output::json(&json!({
             "file": path.display().to_string(),
             "whole": true,
-            "signed": image.header().signed,
+            "signed": image.header().signature.is_some(),
             "signature_checked": key.is_some(),
             "version": Version(image.header().identity.version).to_string(),
         }))?;
         return Ok(Outcome::Done);
     }
-    let signature = match (&key, image.header().signed) {
+    let signature = match (&key, image.header().signature) {
         (Some(key), _) => format!("signed with key {}", key::fingerprint(key)),
-        (None, true) => "signed (give --key to check by whom)".to_owned(),
-        (None, false) => "not signed".to_owned(),
+        (None, Some(_)) => "signed (give --key to check by whom)".to_owned(),
+        (None, None) => "not signed".to_owned(),
     };
     say!("{}: whole, {signature}", path.display())?;
     Ok(Outcome::Done)

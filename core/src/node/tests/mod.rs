@@ -11,7 +11,7 @@ use std::vec::Vec;
 use super::*;
 use crate::dialect::dmc60c::wire::{Control0, ModeSelect, StatusGeneral};
 use crate::engine::Engine;
-use crate::engine::snapshot::{Sample, Snapshot};
+use crate::engine::snapshot::{Pin, Sample, Snapshot};
 use crate::frc_id::base;
 use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{
@@ -29,10 +29,9 @@ struct Bench {
     snapshot: Snapshot,
     now: Instant,
     sent: Vec<(Instant, Frame)>,
-    /// What the node has asked for, but for confirmations and being called healthy.
+    /// What the node has asked for, but for confirmations.
     actions: Vec<Action>,
     confirmations: u32,
-    healthy: u32,
     /// How the settings memory fails.
     memory: Option<SaveError>,
 }
@@ -63,7 +62,6 @@ impl Bench {
             sent: Vec::new(),
             actions: Vec::new(),
             confirmations: 0,
-            healthy: 0,
             memory: None,
         }
     }
@@ -80,10 +78,6 @@ impl Bench {
         while let Some(action) = self.node.take_action() {
             if action == Action::Confirm {
                 self.confirmations += 1;
-                continue;
-            }
-            if action == Action::Healthy {
-                self.healthy += 1;
                 continue;
             }
             self.actions.push(action);
@@ -115,7 +109,7 @@ impl Bench {
         for _ in 0..ticks {
             self.now = self.now + TICK;
             let (settings, command) = (*self.node.settings(), *self.node.command());
-            self.snapshot = self.engine.tick(&settings, &self.sample, &command);
+            self.snapshot = *self.engine.tick(&settings, &self.sample, &command);
             self.node.poll(self.now, &self.snapshot);
             self.flush();
         }
@@ -441,7 +435,7 @@ proptest! {
                     bench.receive(&Frame::extended(base | number, data).shortened(len));
                 }
                 None if kind == 8 => bench.node.on_bus_lost(bench.now),
-                None => bench.sample.pins.gate_driver_fault = own_session,
+                None => bench.sample.pins.set(Pin::GateDriverFault, own_session),
             }
             bench.run(ticks);
             if let Some(Action::Reset(_)) = bench.actions.last() {

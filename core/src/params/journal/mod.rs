@@ -166,10 +166,10 @@ impl Journal {
     /// # Errors
     /// See [`SaveError`]. [`SaveError::EraseDue`] only if `may_erase` is false; the same call may then
     /// succeed later.
-    pub fn save<F: NorFlash>(
+    pub fn save<F: NorFlash, C: Content>(
         &mut self,
         flash: &mut F,
-        content: &dyn Content,
+        content: &C,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {
         if self.is_newer_format() {
@@ -186,10 +186,10 @@ impl Journal {
     }
 
     /// Writes one set. If the memory fails, what was touched is not used again.
-    fn append<F: NorFlash>(
+    fn append<F: NorFlash, C: Content>(
         &mut self,
         flash: &mut F,
-        content: &dyn Content,
+        content: &C,
         repeat: Repeat,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {

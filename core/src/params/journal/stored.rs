@@ -27,7 +27,7 @@ impl Content for Stored {
     }
 
     /// What is at its default takes no room.
-    fn put(&self, sink: &mut dyn Sink) {
+    fn put<S: Sink>(&self, sink: &mut S) {
         if self.number != 0 {
             sink.entry(Key::NUMBER, &[self.number]);
         }
