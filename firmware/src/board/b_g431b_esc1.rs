@@ -93,7 +93,7 @@ const BOARD: Description = Description {
         // A+, B+ and Z+ of J8, at the first three channels of TIM4.
         encoder: ([Pin(GPIOB, 6), Pin(GPIOB, 7), Pin(GPIOB, 8)], 2),
         index: Interrupt::TIM4,
-        // Pad PWM of J3, at the first channel of TIM2.
+        // Pad PWM, at the first channel of TIM2.
         pulse: PulseInput {
             timer: TIM2_AS_16_BITS,
             pin: (Pin(GPIOA, 15), 1),
