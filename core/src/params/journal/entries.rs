@@ -35,6 +35,8 @@ impl Key {
     pub const STICKY_FAULTS: Self = Self::Other(2);
     /// Counts of the faults with bits 0 to 3, four bytes.
     pub const FAULT_COUNTS: Self = Self::Other(3);
+    /// The latest crash, nine bytes: code of its cause, detail, place, low bytes first.
+    pub const CRASH: Self = Self::Other(4);
 
     /// Smallest anti-rollback counter that the bootloader accepts, four bytes, low byte first.
     pub const ROLLBACK: Self = Self::Other(0x20);

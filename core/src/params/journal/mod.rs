@@ -9,6 +9,7 @@
 //! any [`NorFlash`] of at least two erase units whose program units are 1, 2, 4 or 8 bytes, and programs
 //! each of them once between two erases.
 
+mod crash;
 mod entries;
 mod layout;
 mod stored;
@@ -17,6 +18,7 @@ mod tests;
 
 use embedded_storage::nor_flash::NorFlash;
 
+pub use crash::Crash;
 pub use entries::{Change, Content, Entries, Entry, Key, Sink, VALUE_CAPACITY, Value};
 use entries::{Pass, Unchanged, Use};
 use layout::{CELL, Contents, SEAL, Set, UNIT_HEADER, generation_cell, newer, read_cell};
