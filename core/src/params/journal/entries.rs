@@ -99,6 +99,15 @@ pub struct Change<'a> {
     pub value: Option<&'a [u8]>,
 }
 
+impl Change<'_> {
+    /// No change at all: a copy of the set before. It removes an entry that no set has, because a writer of its own
+    /// would be another kilobyte of machine code.
+    pub(super) const NONE: Self = Self {
+        key: Key::Other(0),
+        value: None,
+    };
+}
+
 impl Content for Change<'_> {
     fn owns(&self, key: Key) -> bool {
         key == self.key
@@ -109,17 +118,6 @@ impl Content for Change<'_> {
             sink.entry(self.key, value);
         }
     }
-}
-
-/// No change at all: a copy of the set before.
-pub(super) struct Unchanged;
-
-impl Content for Unchanged {
-    fn owns(&self, _: Key) -> bool {
-        false
-    }
-
-    fn put<S: Sink>(&self, _: &mut S) {}
 }
 
 /// Where an entry stands in flash.
