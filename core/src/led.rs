@@ -146,10 +146,10 @@ pub fn indication(linked: bool, snapshot: &Snapshot, stopping: Faults) -> Indica
     if snapshot.state != DriveState::Running {
         return Indication::Halted;
     }
-    if snapshot.forward.refused {
+    if snapshot.limits.refused.forward() {
         return Indication::ForwardLimit;
     }
-    if snapshot.reverse.refused {
+    if snapshot.limits.refused.reverse() {
         return Indication::ReverseLimit;
     }
     Indication::Drive(snapshot.duty())

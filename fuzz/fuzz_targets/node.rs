@@ -7,7 +7,7 @@
 use libfuzzer_sys::fuzz_target;
 use windlass_core::dialect::dmc60c::wire::id as control;
 use windlass_core::engine::Engine;
-use windlass_core::engine::snapshot::{DriveState, Sample, Snapshot};
+use windlass_core::engine::snapshot::{DriveState, Pin, Sample, Snapshot};
 use windlass_core::frame::Frame;
 use windlass_core::management::wire::id;
 use windlass_core::params::journal::{SaveError, Saved};
@@ -51,13 +51,13 @@ fuzz_target!(|input: &[u8]| {
             }
             _ => Frame::extended(raw, data).shortened(length),
         };
-        sample.pins.gate_driver_fault = kind & 0x80 != 0 && data[7] == 0xA5;
+        sample.pins.set(Pin::GateDriverFault, kind & 0x80 != 0 && data[7] == 0xA5);
         sample.encoder = sample.encoder.wrapping_add(u32::from(data[6]));
         node.on_frame(now, &frame, &snapshot);
         for _ in 0..ticks {
             now = now + TICK;
             let (settings, command) = (*node.settings(), *node.command());
-            snapshot = engine.tick(&settings, &sample, &command);
+            snapshot = *engine.tick(&settings, &sample, &command);
             node.poll(now, &snapshot);
             if !snapshot.faults.is_empty() || snapshot.state != DriveState::Running {
                 assert_eq!(snapshot.duty().units(), 0);

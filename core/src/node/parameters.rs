@@ -3,7 +3,7 @@
 use super::Node;
 use crate::dialect::{Outcome, Request};
 use crate::engine::command::{PositionOf, SetPosition};
-use crate::engine::snapshot::{Fault, LimitStatus, Snapshot};
+use crate::engine::snapshot::{Fault, Snapshot};
 use crate::management::vendor::ParameterError;
 use crate::params::compile;
 use crate::params::journal::Crash;
@@ -114,7 +114,8 @@ impl Node {
                 if changed {
                     self.parameter_changed(now, id);
                     if pauses(id) {
-                        self.command.pause = self.command.pause.wrapping_add(1);
+                        let command = self.revise();
+                        command.pause = command.pause.wrapping_add(1);
                     }
                 }
                 Ok(value)
@@ -125,28 +126,21 @@ impl Node {
 
     /// Orders the engine to overwrite a position.
     pub(super) fn set_position(&mut self, of: PositionOf, counts: i32) {
-        self.command.set_position = SetPosition {
+        let order = &mut self.revise().set_position;
+        let generation = order.generation.wrapping_add(1);
+        *order = SetPosition {
             of,
             counts,
-            generation: self.command.set_position.generation.wrapping_add(1),
+            generation,
         };
     }
 
     /// Keeps the faults and limits that are present as sticky ones, where the policy says so.
     pub(super) fn observe_presence(&mut self, now: Instant, snapshot: &Snapshot) {
-        let switch = |limit: &LimitStatus| limit.switch_hit && !limit.switch_disabled;
-        let (forward, reverse) = (&snapshot.forward, &snapshot.reverse);
-        let present = [
-            switch(forward),
-            switch(reverse),
-            forward.soft_hit,
-            reverse.soft_hit,
-        ];
-        let bits = (0..)
-            .zip(present)
-            .fold(0, |bits, (at, limit)| bits | u32::from(limit) << at);
+        let limits = &snapshot.limits;
+        let present = limits.tripped().bits() | limits.soft_hit.bits() << 2;
         let before = self.stored.params.get(ParameterId::StickyLimits);
-        let new_limits = self.keep_limits(before | bits);
+        let new_limits = self.keep_limits(before | u32::from(present));
         if self.faults.keep(snapshot.faults) || new_limits {
             self.faults_changed(now);
         }

@@ -3,6 +3,7 @@
 use windlass_core::dialect::dmc60c::wire::{
     Control0, StatusAnalog, StatusEncoder, StatusGeneral, id as drive,
 };
+use windlass_core::engine::snapshot::Fault;
 use windlass_core::frame::Frame;
 use windlass_core::frc_id;
 use windlass_core::management::vendor::{Command, CommandCode};
@@ -60,7 +61,7 @@ fn control(control: &Control0) -> String {
         (control.override_neutral && !control.brake, "coast"),
         (control.reverse_motor, "motor reversed"),
         (control.reverse_sensor, "sensor reversed"),
-        (control.override_limits, "limits overridden"),
+        (control.limits.enabled, "limits overridden"),
     ];
     append_flags(text, &options)
 }
@@ -69,15 +70,16 @@ fn general(status: &StatusGeneral) -> String {
     let duty = f64::from(status.duty) / 327.67;
     let mode = mode_name(status.mode);
     let text = format!("{mode}, duty {duty:.1} %, error {}", status.error);
+    let faults = status.faults;
     let flags = [
-        (status.forward.hit, "forward switch hit"),
-        (status.reverse.hit, "reverse switch hit"),
-        (status.soft_forward_hit, "forward soft limit"),
-        (status.soft_reverse_hit, "reverse soft limit"),
+        (status.limit_hit.forward(), "forward switch hit"),
+        (status.limit_hit.reverse(), "reverse switch hit"),
+        (status.soft_hit.forward(), "forward soft limit"),
+        (status.soft_hit.reverse(), "reverse soft limit"),
         (status.current_limited, "current limited"),
-        (status.over_temperature, "over-temperature"),
-        (status.under_voltage, "under-voltage"),
-        (status.gate_driver, "gate driver fault"),
+        (faults.contains(Fault::OverTemperature), "over-temperature"),
+        (faults.contains(Fault::UnderVoltage), "under-voltage"),
+        (faults.contains(Fault::GateDriver), "gate driver fault"),
     ];
     append_flags(text, &flags)
 }

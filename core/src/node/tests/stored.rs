@@ -118,9 +118,9 @@ fn a_new_number_answers_under_itself_and_a_refused_one_under_the_old() {
 #[test]
 fn sticky_faults_and_counts_are_read_then_cleared_independently() {
     let mut bench = Bench::connected();
-    bench.sample.pins.gate_driver_fault = true;
+    bench.sample.pins.set(Pin::GateDriverFault, true);
     bench.run(1);
-    bench.sample.pins.gate_driver_fault = false;
+    bench.sample.pins.set(Pin::GateDriverFault, false);
     bench.run(1);
     assert_eq!(
         (
