@@ -246,10 +246,17 @@ parameters! {
     FramesDropped = 133, "paramFramesDropped", Computed, 0, Live, "";
     /// Restarts since power-on.
     ResetCount = 134, "paramResetCount", Computed, 0, Live, "";
-    /// Place of the cause: hash of the file with the panic, faulting address.
+    /// Place of the cause: hash of the file with the panic, address of the faulting instruction.
     ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
     /// Transmissions that were given up since the start.
     TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
+    /// The latest crash, kept over a loss of power: a code of [`ResetCause`](crate::reset::ResetCause), 0 if none is
+    /// known; writing has no effect, as for the next two.
+    CrashCause = 137, "paramCrashCause", Computed, 0, Live, "";
+    /// Detail of the latest crash, as in `paramResetDetail`.
+    CrashDetail = 138, "paramCrashDetail", Computed, 0, Live, "";
+    /// Place of the latest crash, as in `paramResetPlace`.
+    CrashPlace = 139, "paramCrashPlace", Computed, 0, Live, "";
     /// Slot 0 of the law in throttle units: proportional gain.
     ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: integral gain.
