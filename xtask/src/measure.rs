@@ -52,13 +52,13 @@ const SUBJECTS: [Subject; 11] = [
     },
     Subject {
         symbol: "measured_talon_decode",
-        about: "Talon control frame, accept and decode",
+        about: "Talon control frame, decode",
         budget: Some((40, 40)),
         yardstick: "",
     },
     Subject {
         symbol: "measured_control_decode",
-        about: "control frame, accept and decode",
+        about: "control frame, decode",
         budget: Some((40, 40)),
         yardstick: "",
     },

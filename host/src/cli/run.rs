@@ -262,7 +262,6 @@ impl Drives<'_> {
             number: self.number,
             status,
             now: self.client.now(),
-            leds: None,
         };
         if self.json {
             output::json(&sample.document())?;

@@ -277,10 +277,10 @@ fn voltage_temperature_and_current_never_stop_the_drive_and_are_shown_while_pres
 fn i3_a_failure_of_the_power_stage_is_off_in_the_same_tick_and_for_3_s() {
     let mut rig = rig();
     rig.throttle(duty(500), 10);
-    rig.sample.pins.gate_driver_fault = true;
+    rig.sample.pins.set(Pin::GateDriverFault, true);
     rig.throttle(duty(500), 1);
     assert_eq!(rig.snapshot.actuation, Actuation::Off);
-    rig.sample.pins.gate_driver_fault = false;
+    rig.sample.pins.set(Pin::GateDriverFault, false);
     for tick in 1..6000 {
         rig.throttle(duty(500), 1);
         assert_eq!(rig.snapshot.actuation, Actuation::Off, "tick {tick}");
@@ -382,12 +382,10 @@ proptest! {
                 analog_in: analog[1],
                 bus_voltage: analog[2],
                 temperature: analog[3],
-                pins: Pins {
-                    forward_limit: flags[0],
-                    reverse_limit: flags[1],
-                    gate_driver_fault: flags[2] && flags[3],
-                    ..Pins::default()
-                },
+                pins: Pins::default()
+                    .with(Pin::ForwardLimit, flags[0])
+                    .with(Pin::ReverseLimit, flags[1])
+                    .with(Pin::GateDriverFault, flags[2] && flags[3]),
                 ..rig.sample
             };
             rig.command.setpoint = match mode {
@@ -421,8 +419,8 @@ proptest! {
             if snapshot.state != DriveState::Running || snapshot.faults.contains(Fault::GateDriver) {
                 prop_assert_eq!(throttle, 0);
             }
-            prop_assert!(throttle <= 0 || !snapshot.forward.blocked);
-            prop_assert!(throttle >= 0 || !snapshot.reverse.blocked);
+            prop_assert!(throttle <= 0 || !snapshot.limits.blocked.forward());
+            prop_assert!(throttle >= 0 || !snapshot.limits.blocked.reverse());
         }
     }
 }

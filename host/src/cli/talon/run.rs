@@ -164,7 +164,6 @@ fn show(
         number,
         status,
         now,
-        leds: None,
     };
     if json {
         output::json(&sample.document())?;

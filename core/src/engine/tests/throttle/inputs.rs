@@ -148,7 +148,7 @@ fn soft_limits_begin_beyond_the_threshold_of_the_selected_sensor() {
     rig.encoder(0).analog(500);
     assert_eq!(rig.throttle(duty(500), 2), 0);
     assert!(
-        rig.snapshot.forward.soft_hit,
+        rig.snapshot.limits.soft_hit.forward(),
         "shown in the direction that is not driven too"
     );
     assert_eq!(rig.throttle(duty(-500), 2), -500);
@@ -173,7 +173,7 @@ fn limit_switch_truth_table_of_the_manual() {
         rig.set(ParameterId::ForwardLimitNormallyClosed, closed_type)
             .set(ParameterId::ForwardLimitDisabled, disabled);
         for (high, drives) in [(true, drives_open), (false, drives_closed)] {
-            rig.sample.pins.forward_limit = high;
+            rig.sample.pins.set(Pin::ForwardLimit, high);
             assert_eq!(rig.throttle(duty(500), 2) != 0, drives);
             assert_eq!(
                 rig.throttle(duty(-500), 2),
@@ -188,8 +188,8 @@ fn limit_switch_truth_table_of_the_manual() {
 fn a_blocked_direction_resumes_on_the_ramp() {
     let mut rig = rig();
     rig.command.opts.ramp = 50;
-    rig.sample.pins.forward_limit = false;
+    rig.sample.pins.set(Pin::ForwardLimit, false);
     assert_eq!(rig.throttle(duty(1000), 200), 0);
-    rig.sample.pins.forward_limit = true;
+    rig.sample.pins.set(Pin::ForwardLimit, true);
     assert!(rig.throttle(duty(1000), 20) <= 50);
 }
