@@ -9,11 +9,13 @@ use windlass_core::params::Stored;
 use windlass_core::params::journal::{Journal, SaveError, Saved};
 use windlass_core::reset::Reset;
 
-use crate::record::PassedOn;
+use crate::record::{PassedOn, Record};
 
 /// What the application knows of itself and of its start.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
+    /// What bootloader and application tell each other.
+    pub record: &'static Record,
     /// Passed on by the bootloader.
     pub passed_on: PassedOn,
     /// The application's own version.
@@ -59,6 +61,7 @@ impl<S: NorFlash, A: NorFlash> Kept<S, A> {
             version,
             board,
             seed,
+            ..
         } = self.origin;
         NodeConfig {
             board,
@@ -95,8 +98,14 @@ impl<S: NorFlash, A: NorFlash> Kept<S, A> {
 
     /// The image has run and answered.
     pub fn confirm(&mut self) {
+        self.healthy();
         // If it fails, the next start tries again.
         let _ = self.slot.confirm();
+    }
+
+    /// The image works: failures before this count no more.
+    pub fn healthy(&self) {
+        self.origin.record.healthy();
     }
 
     /// The slot that the application runs from.
