@@ -6,7 +6,7 @@
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 
-use crate::engine::snapshot::{Actuation, Pins};
+use crate::engine::snapshot::{Actuation, Pin, Pins};
 
 /// Why a bridge could not be set. Its outputs are off then, as far as the pins allow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,14 +138,16 @@ impl<P: InputPin> Inputs<P> {
     /// an unreadable gate driver counts as its fault.
     pub fn read(&mut self) -> Pins {
         let open = |pin: &mut P| pin.is_high().unwrap_or(true);
-        Pins {
-            forward_limit: open(&mut self.forward_limit),
-            reverse_limit: open(&mut self.reverse_limit),
-            encoder_a: open(&mut self.encoder_a),
-            encoder_b: open(&mut self.encoder_b),
-            encoder_index: open(&mut self.encoder_index),
-            gate_driver_fault: self.gate_driver_fault_n.is_low().unwrap_or(true),
-        }
+        Pins::LOW
+            .with(Pin::ForwardLimit, open(&mut self.forward_limit))
+            .with(Pin::ReverseLimit, open(&mut self.reverse_limit))
+            .with(Pin::EncoderA, open(&mut self.encoder_a))
+            .with(Pin::EncoderB, open(&mut self.encoder_b))
+            .with(Pin::EncoderIndex, open(&mut self.encoder_index))
+            .with(
+                Pin::GateDriverFault,
+                self.gate_driver_fault_n.is_low().unwrap_or(true),
+            )
     }
 }
 

@@ -11,6 +11,21 @@ const EXTENDED_MAX: u32 = 0x1FFF_FFFF;
 /// Largest 11-bit identifier.
 const STANDARD_MAX: u16 = 0x7FF;
 
+/// A 29-bit identifier in the form in which [`Frame::is`] compares it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExtendedMatch(u32);
+
+impl ExtendedMatch {
+    /// No frame has this one.
+    pub const NONE: Self = Self(REMOTE);
+
+    /// This identifier; bits above the 29th are dropped.
+    #[must_use]
+    pub const fn new(raw_id: u32) -> Self {
+        Self(raw_id & EXTENDED_MAX | EXTENDED)
+    }
+}
+
 /// A classic CAN 2.0 data or remote frame.
 ///
 /// Invariant: `len` is at most 8 and the data bytes beyond it are zero, so that codecs can read
@@ -133,6 +148,12 @@ impl Frame {
     #[must_use]
     pub fn extended_id(&self) -> Option<u32> {
         self.is_extended().then_some(self.word & EXTENDED_MAX)
+    }
+
+    /// True for a data or remote frame with this identifier: one comparison.
+    #[must_use]
+    pub const fn is(&self, id: ExtendedMatch) -> bool {
+        self.word & !REMOTE == id.0
     }
 
     /// The identifier without its width.

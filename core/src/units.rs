@@ -52,7 +52,7 @@ impl Duty {
     /// The duty cycle in the other direction. Full reverse turns into full forward (32767).
     #[must_use]
     pub fn reversed(self) -> Self {
-        Self::saturating(-i32::from(self.0))
+        Self(self.0.saturating_neg())
     }
 
     /// A duty cycle from 10-bit throttle units (−[`THROTTLE_FULL`] to [`THROTTLE_FULL`], saturated).

@@ -92,7 +92,7 @@ impl Control {
             return Actuation::Off;
         };
         let snapshot = self.engine.tick(settings, sample, command);
-        crossing.snapshot.offer(snapshot);
+        crossing.snapshot.offer(*snapshot);
         snapshot.actuation
     }
 }

@@ -4,11 +4,14 @@
 use windlass_core::engine::command::{
     Command, DriveOpts, LimitOverride, MasterReport, Neutral, SetPosition, Setpoint, Slot,
 };
+use windlass_core::engine::limit::Directions;
 use windlass_core::engine::pidf::Gains;
 use windlass_core::engine::settings::{
     Board, CurrentLimit, IndexSettings, LimitSettings, Policy, Resume, Settings, SlotSettings,
 };
-use windlass_core::engine::snapshot::{Actuation, IndexCapture, Pins, Pulse, Sample, Snapshot};
+use windlass_core::engine::snapshot::{
+    Actuation, IndexCapture, Pin, Pins, Pulse, Sample, Snapshot,
+};
 use windlass_core::engine::throttle_law::ThrottleGains;
 use windlass_core::units::{Amps, Duty, Volts};
 
@@ -77,6 +80,7 @@ impl Exercise {
 
     fn give_command(&mut self, random: &mut Random) {
         let command = &mut self.command;
+        command.revision = command.revision.wrapping_add(1);
         command.sequence = command.sequence.wrapping_add(1);
         // Seven of eight commands repeat the one before, as a host does.
         if random.one_in(8) {
@@ -118,14 +122,13 @@ impl Exercise {
         }
         let pins = &mut sample.pins;
         if random.one_in(500) {
-            *pins = Pins {
-                forward_limit: !random.one_in(4),
-                reverse_limit: !random.one_in(4),
-                encoder_a: random.one_in(2),
-                encoder_b: random.one_in(2),
-                encoder_index: random.one_in(2),
-                gate_driver_fault: random.one_in(16),
-            };
+            *pins = Pins::LOW
+                .with(Pin::ForwardLimit, !random.one_in(4))
+                .with(Pin::ReverseLimit, !random.one_in(4))
+                .with(Pin::EncoderA, random.one_in(2))
+                .with(Pin::EncoderB, random.one_in(2))
+                .with(Pin::EncoderIndex, random.one_in(2))
+                .with(Pin::GateDriverFault, random.one_in(16));
         }
         if random.one_in(300) {
             edge(&mut sample.index_rising, sample.encoder);
@@ -173,6 +176,11 @@ impl Random {
     fn one_in(&mut self, bound: u32) -> bool {
         self.below(bound) == 0
     }
+
+    fn directions(&mut self, bound: u32) -> Directions {
+        let forward = self.one_in(bound);
+        Directions::new(forward, self.one_in(bound))
+    }
 }
 
 fn setpoint(random: &mut Random) -> Setpoint {
@@ -200,8 +208,7 @@ fn options(random: &mut Random) -> DriveOpts {
         neutral: [None, Some(Neutral::Brake), Some(Neutral::Coast)][random.below(3) as usize % 3],
         limits: LimitOverride {
             enabled: random.one_in(3),
-            disable_forward: random.one_in(2),
-            disable_reverse: random.one_in(2),
+            disabled: random.directions(2),
         },
         reverse_sensor: random.one_in(4),
         reverse_motor: random.one_in(4),
@@ -244,8 +251,7 @@ fn settings(random: &mut Random) -> Settings {
                 allowable_error: 0,
             },
         },
-        forward: limit(random, 60_000),
-        reverse: limit(random, -60_000),
+        limits: limits(random, 60_000),
         index: IndexSettings {
             clears_position: random.one_in(4),
             rising: random.one_in(2),
@@ -283,13 +289,21 @@ fn slot(random: &mut Random) -> SlotSettings {
     }
 }
 
-fn limit(random: &mut Random, threshold: i32) -> LimitSettings {
+fn limits(random: &mut Random, threshold: i32) -> LimitSettings {
+    let [forward, reverse] = [(); 2].map(|()| [4, 2, 2, 8].map(|bound| random.one_in(bound)));
+    let [
+        normally_closed,
+        switch_disabled,
+        soft_enabled,
+        clears_position,
+    ] = [0, 1, 2, 3].map(|at| Directions::new(forward[at], reverse[at]));
     LimitSettings {
-        normally_closed: random.one_in(4),
-        switch_disabled: random.one_in(2),
-        soft_enabled: random.one_in(2),
-        soft_threshold: threshold,
-        clears_position: random.one_in(8),
+        normally_closed,
+        switch_disabled,
+        soft_enabled,
+        clears_position,
+        forward_threshold: threshold,
+        reverse_threshold: -threshold,
     }
 }
 
@@ -320,16 +334,16 @@ impl Fingerprint {
         self.word(kind << 16 | u32::from(duty as u16));
         let flags = [
             snapshot.neutral == Neutral::Coast,
-            snapshot.forward.switch_hit,
-            snapshot.forward.switch_disabled,
-            snapshot.forward.soft_hit,
-            snapshot.forward.blocked,
-            snapshot.forward.refused,
-            snapshot.reverse.switch_hit,
-            snapshot.reverse.switch_disabled,
-            snapshot.reverse.soft_hit,
-            snapshot.reverse.blocked,
-            snapshot.reverse.refused,
+            snapshot.limits.switch_hit.forward(),
+            snapshot.limits.switch_disabled.forward(),
+            snapshot.limits.soft_hit.forward(),
+            snapshot.limits.blocked.forward(),
+            snapshot.limits.refused.forward(),
+            snapshot.limits.switch_hit.reverse(),
+            snapshot.limits.switch_disabled.reverse(),
+            snapshot.limits.soft_hit.reverse(),
+            snapshot.limits.blocked.reverse(),
+            snapshot.limits.refused.reverse(),
             snapshot.current_limited,
             snapshot.pulse_valid,
         ];
@@ -382,7 +396,7 @@ pub fn run(seed: u32, mut report: impl FnMut(u32, u64)) {
         exercise.advance(actuation);
         let snapshot = engine.tick(&exercise.settings, &exercise.sample, &exercise.command);
         actuation = snapshot.actuation;
-        fingerprint.add(&snapshot);
+        fingerprint.add(snapshot);
         if tick.is_multiple_of(REPORT_TICKS) {
             report(tick, fingerprint.value());
         }
@@ -413,7 +427,7 @@ mod tests {
             }
             faults |= snapshot.faults.bits();
             limited += u32::from(snapshot.current_limited);
-            refused += u32::from(snapshot.forward.refused || snapshot.reverse.refused);
+            refused += u32::from(!snapshot.limits.refused.is_empty());
             braked += u32::from(actuation == Actuation::Brake);
             let commanded = exercise.command.setpoint != Setpoint::Off;
             timeouts += u32::from(commanded && snapshot.mode as u8 == 7);
@@ -446,7 +460,7 @@ mod tests {
         let base = Snapshot::default();
         let mut others = std::vec![base; 6];
         others[0].position = 1;
-        others[1].reverse.refused = true;
+        others[1].limits.refused = Directions::REVERSE;
         others[2].fault_events[3] = 1;
         others[3].actuation = Actuation::Brake;
         others[4].temperature = Volts::from_bits(1);

@@ -332,7 +332,7 @@ impl SimNode {
                 });
             }
             self.fresh = false;
-            self.snapshot = self.engine.tick(settings, &sample, command);
+            self.snapshot = *self.engine.tick(settings, &sample, command);
             self.actuation = self.snapshot.actuation;
             self.hash.update(&self.snapshot);
         }

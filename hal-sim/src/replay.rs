@@ -72,7 +72,7 @@ pub fn replay(records: &[TickRecord]) -> u64 {
             engine = Engine::new();
         }
         let snapshot = engine.tick(&record.settings, &record.sample, &record.command);
-        hash.update(&snapshot);
+        hash.update(snapshot);
     }
     hash.value()
 }

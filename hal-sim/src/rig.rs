@@ -135,6 +135,7 @@ impl Rig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use windlass_core::engine::snapshot::Pin;
     use windlass_core::units::Duty;
 
     #[test]
@@ -148,7 +149,7 @@ mod tests {
         let sample = rig.sample();
         assert!(sample.encoder > 500, "{}", sample.encoder);
         assert!(sample.current > 2048);
-        assert!(!sample.pins.forward_limit && sample.pins.reverse_limit);
-        assert!(sample.pins.gate_driver_fault);
+        assert!(!sample.pins.is_high(Pin::ForwardLimit) && sample.pins.is_high(Pin::ReverseLimit));
+        assert!(sample.pins.is_high(Pin::GateDriverFault));
     }
 }

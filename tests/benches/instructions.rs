@@ -72,7 +72,7 @@ fn rig(mode: ModeSelect) -> Box<Rig> {
         rig.sample.current = if step > 100 { 3978 } else { 2048 };
         rig.now = rig.now + TICK;
         let (settings, command) = (*rig.node.settings(), *rig.node.command());
-        rig.snapshot = rig.engine.tick(&settings, &rig.sample, &command);
+        rig.snapshot = *rig.engine.tick(&settings, &rig.sample, &command);
         rig.node.poll(rig.now, &rig.snapshot);
         while rig.node.poll_tx(rig.now, &rig.snapshot).is_some() {}
     }
@@ -88,7 +88,7 @@ fn rig(mode: ModeSelect) -> Box<Rig> {
 #[bench::voltage_compensation(rig(ModeSelect::VoltageCompensation))]
 fn engine_tick(mut rig: Box<Rig>) -> Box<Rig> {
     let (settings, command) = (rig.node.settings(), rig.node.command());
-    rig.snapshot = black_box(rig.engine.tick(settings, &rig.sample, command));
+    rig.snapshot = *black_box(rig.engine.tick(settings, &rig.sample, command));
     rig
 }
 

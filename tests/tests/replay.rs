@@ -4,7 +4,7 @@ use windlass_core::dialect::DialectKind;
 use windlass_core::dialect::dmc60c::wire::{Control0, ModeSelect};
 use windlass_core::engine::Board;
 use windlass_core::engine::command::{Command, Setpoint};
-use windlass_core::engine::snapshot::Sample;
+use windlass_core::engine::snapshot::{Pin, Sample};
 use windlass_core::params::table::TABLE;
 use windlass_core::params::{Params, compile};
 use windlass_core::units::{Amps, Duty, Volts};
@@ -107,9 +107,15 @@ fn synthetic_trace(ticks: usize) -> Vec<TickRecord> {
             sample.encoder = sample.encoder.wrapping_add(next() % 64).wrapping_sub(20);
             sample.current = 1900 + (next() % 300) as u16;
             sample.bus_voltage = 1000 + (next() % 500) as u16;
-            sample.pins.forward_limit = !next().is_multiple_of(50);
-            sample.pins.reverse_limit = !next().is_multiple_of(50);
-            sample.pins.gate_driver_fault = next().is_multiple_of(20_000);
+            sample
+                .pins
+                .set(Pin::ForwardLimit, !next().is_multiple_of(50));
+            sample
+                .pins
+                .set(Pin::ReverseLimit, !next().is_multiple_of(50));
+            sample
+                .pins
+                .set(Pin::GateDriverFault, next().is_multiple_of(20_000));
             sample.temperature = if next().is_multiple_of(100) {
                 1700
             } else {
@@ -117,6 +123,7 @@ fn synthetic_trace(ticks: usize) -> Vec<TickRecord> {
             };
         }
         if tick.is_multiple_of(40) && !next().is_multiple_of(8) {
+            command.revision += 1;
             command.sequence += 1;
             let value = next();
             command.setpoint = match next() % 7 {

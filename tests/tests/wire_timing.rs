@@ -1,6 +1,7 @@
 //! Everything about time that the guide promises, seen on the bus.
 
 use windlass_core::dialect::dmc60c::wire::{Control0, ModeSelect, id};
+use windlass_core::engine::snapshot::Fault;
 use windlass_core::frame::Frame;
 use windlass_core::management::wire::{EnumerateResponse1, VendorCommand, id as management};
 use windlass_core::time::{Duration, Instant, TICK};
@@ -158,7 +159,7 @@ fn i3_a_short_circuit_switches_off_within_a_tick() {
     assert_eq!(bench.truth(0).duty, 0);
     bench.poke(0, Poke::ShortCircuit(false));
     bench.drive(DEVICE, &frame, 20);
-    assert!(bench.general(DEVICE).gate_driver);
+    assert!(bench.general(DEVICE).faults.contains(Fault::GateDriver));
 }
 
 #[test]

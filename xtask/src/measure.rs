@@ -40,7 +40,7 @@ const SUBJECTS: [Subject; 8] = [
     },
     Subject {
         symbol: "measured_control_decode",
-        about: "control frame, accept and decode",
+        about: "control frame, decode",
         budget: Some((40, 40)),
         yardstick: "",
     },

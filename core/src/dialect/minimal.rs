@@ -45,18 +45,18 @@ impl Dialect for Minimal {
         ..Policy::BASE
     };
 
-    fn accepts(&self, number: u8, id: Id) -> bool {
-        let Id::Standard(id) = id else { return false };
+    fn decode(&mut self, number: u8, frame: &Frame) -> Decoded {
+        let Id::Standard(id) = frame.id() else { return Decoded::Ignored };
         let id = id.as_raw();
-        id & NUMBER_MASK == u16::from(number) && matches!(id & !NUMBER_MASK, COMMAND | READ)
-    }
-
-    fn decode(&mut self, _: u8, frame: &Frame) -> Decoded {
+        let mine = id & NUMBER_MASK == u16::from(number);
+        if !mine || !matches!(id & !NUMBER_MASK, COMMAND | READ) {
+            return Decoded::Ignored;
+        }
         if frame.is_remote() {
             return Decoded::Bad(Bad::Remote);
         }
         let drive = |setpoint| Decoded::Intent(Intent::Drive(setpoint, DriveOpts::default()));
-        match (frame.raw_id() as u16 & !NUMBER_MASK, frame.data()) {
+        match (id & !NUMBER_MASK, frame.data()) {
             (COMMAND, []) => drive(Setpoint::Off),
             (COMMAND, &[low, high]) => {
                 drive(Setpoint::Duty(Duty::new(i16::from_le_bytes([low, high]))))

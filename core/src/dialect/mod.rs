@@ -4,10 +4,8 @@
 //! its protocol needs to remember; it never touches the engine, and the engine never names a dialect.
 //! `docs/new-dialect.md` adds one step by step.
 
-use embedded_can::Id;
-
 use crate::engine::command::{DriveOpts, PositionOf, Setpoint};
-use crate::engine::settings::Policy;
+use crate::engine::settings::{Policy, Settings};
 use crate::engine::snapshot::{Faults, Snapshot};
 use crate::frame::Frame;
 use crate::led::Style;
@@ -120,6 +118,8 @@ pub struct View<'a> {
     pub number: u8,
     /// Parameters.
     pub params: &'a Params,
+    /// What the control tick was told of the parameters.
+    pub settings: &'a Settings,
     /// State of the drive.
     pub snapshot: &'a Snapshot,
     /// The device.
@@ -143,11 +143,8 @@ pub trait Dialect {
     /// As what the controller is discovered and managed under this dialect.
     const IDENTITY: Identity = Identity::DMC60C;
 
-    /// True if frames with this identifier mean anything to device `number`; also the source of
-    /// hardware filters.
-    fn accepts(&self, number: u8, id: Id) -> bool;
-
-    /// Reads one frame that [`Dialect::accepts`] has let through.
+    /// Reads one frame; [`Decoded::Ignored`] unless it is for device `number` or from whom it follows. Most frames
+    /// of a bus are for others, so this is to be told first, by the identifier alone.
     fn decode(&mut self, number: u8, frame: &Frame) -> Decoded;
 
     /// Takes the outcome of a [`Decoded::Request`], to be answered by [`Dialect::encode`].
@@ -254,12 +251,6 @@ macro_rules! dialects {
                 match self {
                     $( $(#[$meta])* Self::$dialect(_) => DialectKind::$dialect, )*
                 }
-            }
-
-            /// See [`Dialect::accepts`].
-            #[must_use]
-            pub fn accepts(&self, number: u8, id: Id) -> bool {
-                match self { $( $(#[$meta])* Self::$dialect(inner) => inner.accepts(number, id), )* }
             }
 
             /// See [`Dialect::decode`].

@@ -3,8 +3,9 @@
 //! A [`Command`] holds everything that a control frame can say, so that a lost frame is repaired by the
 //! next one and a repeated frame changes nothing. Only two things in it count: `sequence`, which tells
 //! the engine that a driving frame arrived (it restarts the heartbeat), and the generation numbers of
-//! one-shots.
+//! one-shots. A third number, `revision`, only tells the engine where it need not look.
 
+use super::limit::Directions;
 use crate::units::{Amps, Duty, Volts};
 
 /// Closed-loop gain set ("motor control profile slot" of the DMC60C guide).
@@ -74,16 +75,22 @@ impl Setpoint {
     }
 }
 
-/// Limit switch override of a control frame. While `enabled`, the two other flags replace the stored
-/// enable states of the switches.
+/// Limit switch override of a control frame. While `enabled`, it replaces the stored enable states of the
+/// switches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LimitOverride {
     /// The override is in force.
     pub enabled: bool,
-    /// Forward switch does not limit.
-    pub disable_forward: bool,
-    /// Reverse switch does not limit.
-    pub disable_reverse: bool,
+    /// Switches that do not limit.
+    pub disabled: Directions,
+}
+
+impl LimitOverride {
+    /// No override.
+    pub const NONE: Self = Self {
+        enabled: false,
+        disabled: Directions::NONE,
+    };
 }
 
 /// The sensor of closed loops and soft limits.
@@ -128,6 +135,19 @@ pub struct DriveOpts {
     /// [`Law::PerTick`]: super::policy::Law::PerTick
     /// [`Law::Throttle`]: super::policy::Law::Throttle
     pub ramp: u16,
+}
+
+impl DriveOpts {
+    /// No option: what is stored counts, the encoder is the sensor, nothing is reversed or ramped.
+    pub const NONE: Self = Self {
+        slot: Slot::Zero,
+        neutral: None,
+        limits: LimitOverride::NONE,
+        sensor: SensorSelect::Quadrature,
+        reverse_sensor: false,
+        reverse_motor: false,
+        ramp: 0,
+    };
 }
 
 /// Last report of the controller that is being followed.
@@ -184,6 +204,8 @@ pub struct Enable {
 /// Everything the engine is told, whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Command {
+    /// Changes whenever anything else in the command does: the tick looks at most of a command only then.
+    pub revision: u32,
     /// Changes with every control frame; restarts the heartbeat.
     pub sequence: u32,
     /// What to drive.

@@ -49,7 +49,9 @@ impl CurrentLimiter {
 
     /// Forgets everything: the output is off.
     pub fn reset(&mut self) {
-        *self = Self::new();
+        // Field by field: what lies in `active` need not be overwritten.
+        self.ticks_above = 0;
+        self.active = None;
     }
 
     /// One tick. `current` is the size of the current in 16.16 A, `applied` the size of the duty cycle
@@ -65,24 +67,26 @@ impl CurrentLimiter {
             self.reset();
             return None;
         }
-        let error = operand(settings.continuous.wrapping_sub(current));
-        let mut active = match self.active {
-            Some(active) => active,
-            None => {
-                if current <= settings.begin_above {
-                    self.ticks_above = 0;
-                    return None;
-                }
-                self.ticks_above = self.ticks_above.saturating_add(1);
-                if self.ticks_above <= settings.begin_after_ticks {
-                    return None;
-                }
-                let active = Active::begin(settings, error, applied);
-                self.active = Some(active);
-                return Some(active.output(settings, error, 0));
-            }
-        };
-        let cap = active.step(settings, error);
+        if self.active.is_some() {
+            return self.hold(settings, current, requested);
+        }
+        if current <= settings.begin_above {
+            self.ticks_above = 0;
+            return None;
+        }
+        self.ticks_above = self.ticks_above.saturating_add(1);
+        if self.ticks_above <= settings.begin_after_ticks {
+            return None;
+        }
+        let error = error(settings, current);
+        let active = self.active.insert(Active::begin(settings, error, applied));
+        Some(active.output(settings, error, 0))
+    }
+
+    /// One tick of limiting.
+    fn hold(&mut self, settings: &CurrentLimit, current: i32, requested: i32) -> Option<i32> {
+        let active = self.active.as_mut()?;
+        let cap = active.step(settings, error(settings, current));
         active.ticks_below = if requested < cap {
             active.ticks_below.saturating_add(1)
         } else {
@@ -92,9 +96,13 @@ impl CurrentLimiter {
             self.reset();
             return None;
         }
-        self.active = Some(active);
         Some(cap)
     }
+}
+
+/// Continuous limit minus size of the current.
+fn error(settings: &CurrentLimit, current: i32) -> i32 {
+    operand(settings.continuous.wrapping_sub(current))
 }
 
 impl Active {

@@ -28,28 +28,36 @@ mod tests;
 
 use command::{Command, Neutral, Setpoint};
 use fault::FaultMonitor;
-use limit::{Direction, judge};
+use limit::{judge, switches_hit};
 use mode::{Event, Follower, Liveness, PulseInput, mode_of, transition};
-use output::{ActiveLimits, Output, Request, Shape};
+use output::Output;
 use pidf::{Pidf, Unit};
-use sensor::{Measured, Sensors};
+use sensor::Sensors;
 use settings::Law;
 pub use settings::{Board, Policy, Settings};
-use snapshot::{Actuation, DriveState, Mode, Sample, Snapshot};
+use snapshot::{Actuation, DriveState, Sample, Snapshot};
 use throttle::ThrottleDrive;
 
-use crate::units::{Amps, Celsius, Duty, Volts};
+use crate::units::{Duty, Volts};
 
 /// State of the control engine of one motor.
 #[derive(Clone, Debug)]
 pub struct Engine {
+    /// What the tick before made of it all. What seldom changes is written only then.
+    snapshot: Snapshot,
+    /// Revision of the command that has been looked at.
+    revision: u32,
+    /// Setpoint in force.
+    setpoint: Setpoint,
+    /// Neutral behaviour of the command, as long as it has not timed out.
+    neutral: Option<Neutral>,
+    /// Nothing has been driven since the control laws were reset.
+    rests: bool,
     sensors: Sensors,
     faults: FaultMonitor,
     liveness: Liveness,
     follower: Follower,
     pulse: PulseInput,
-    state: DriveState,
-    mode: Mode,
     law: Pidf,
     output: Output,
     throttle: ThrottleDrive,
@@ -66,13 +74,17 @@ impl Engine {
     #[must_use]
     pub const fn new() -> Self {
         Self {
+            snapshot: Snapshot::new(),
+            // Not the number that a first command is likely to have.
+            revision: u32::MAX,
+            setpoint: Setpoint::Off,
+            neutral: None,
+            rests: false,
             sensors: Sensors::new(),
             faults: FaultMonitor::new(),
             liveness: Liveness::new(),
             follower: Follower::new(),
             pulse: PulseInput::new(),
-            state: DriveState::SelfCheck,
-            mode: Mode::Off,
             law: Pidf::new(),
             output: Output::new(),
             throttle: ThrottleDrive::new(),
@@ -83,174 +95,191 @@ impl Engine {
     /// bridge at once.
     ///
     /// `settings`, `sample` and `command` may be anything: no input panics, and the duty cycle never
-    /// leaves the effective limits.
-    pub fn tick(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> Snapshot {
-        let measured = self.sensors.update(settings, sample, command);
-        self.faults.update(
-            &settings.board.thresholds,
-            &settings.policy,
-            &measured,
-            sample,
-        );
-        self.pulse.update(sample.pulse);
-        self.advance_state(settings, command);
+    /// leaves the effective limits. A changed `command` counts from the tick that sees a new
+    /// [`Command::revision`].
+    pub fn tick(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> &Snapshot {
+        self.pulse.update(sample.pulse, &mut self.snapshot);
+        if command.revision != self.revision {
+            self.obey(settings, command);
+        } else if let Some(event) = self.liveness.update(command, self.snapshot.pulse_valid) {
+            self.put_in_force(settings, command, Some(event));
+        }
+        let switch_hit = switches_hit(&settings.limits, sample.pins.limits());
+        self.sensors
+            .update(settings, sample, command, switch_hit, &mut self.snapshot);
+        self.faults.update(settings, sample, &mut self.snapshot);
+        if self.snapshot.state == DriveState::SelfCheck && self.sensors.is_ready() {
+            self.end_self_check(settings, command);
+        }
 
-        let setpoint = self.liveness.setpoint(command);
-        let mode = mode_of(setpoint);
-        if mode != self.mode {
-            self.mode = mode;
+        self.snapshot.limits = judge(
+            &settings.limits,
+            command.opts.limits,
+            switch_hit,
+            self.snapshot.position,
+        );
+        self.snapshot.neutral = self.neutral.unwrap_or(settings.neutral);
+        if self.snapshot.state == DriveState::Running && !self.faults.stops() {
+            self.rests = false;
+            self.drive(settings, command);
+        } else {
+            self.rest();
+        }
+        self.snapshot.pins = sample.pins;
+        &self.snapshot
+    }
+
+    /// A command that has changed.
+    #[inline(never)]
+    fn obey(&mut self, settings: &Settings, command: &Command) {
+        self.revision = command.revision;
+        self.sensors.obey(command);
+        let event = self.liveness.obey(&settings.policy, command);
+        let pulse_valid = self.snapshot.pulse_valid;
+        let event = event.or_else(|| self.liveness.update(command, pulse_valid));
+        self.put_in_force(settings, command, event);
+    }
+
+    /// Takes over what the command is by now: state, setpoint and options in force.
+    #[inline(never)]
+    fn put_in_force(&mut self, settings: &Settings, command: &Command, event: Option<Event>) {
+        if let Some(event) = event {
+            self.snapshot.state = transition(self.snapshot.state, event);
+        }
+        self.setpoint = self.liveness.setpoint(command);
+        self.follower
+            .obey(&settings.policy, self.setpoint, command.master);
+        self.neutral = command
+            .opts
+            .neutral
+            .filter(|_| !self.liveness.has_expired());
+        self.snapshot.opts = command.opts;
+        let mode = mode_of(self.setpoint);
+        if mode != self.snapshot.mode {
+            self.snapshot.mode = mode;
             self.law.reset();
             self.throttle.restart_loop();
+            self.snapshot.accumulator = self.throttle.accumulator();
         }
-        let master = self
-            .follower
-            .update(&settings.policy, setpoint, command.master);
+    }
 
-        let neutral = self.neutral(settings, command);
-        let mut limits = judge_both(settings, command, sample, measured.position);
-        let idle = self.state != DriveState::Running || self.faults.stops();
-        let throttled = settings.policy.law == Law::Throttle;
-        let (actuation, error) = if idle {
+    #[inline(never)]
+    fn end_self_check(&mut self, settings: &Settings, command: &Command) {
+        let state = transition(self.snapshot.state, Event::Ready);
+        // A command that came during the self-check and is still alive counts from now on.
+        let standing = self.liveness.standing(&settings.policy, command);
+        self.snapshot.state = standing.map_or(state, |event| transition(state, event));
+    }
+
+    /// Nothing is driven, and the control laws will begin anew. The terminals float while there is a fault and in
+    /// the self-check; a drive that is only halted has its neutral behaviour.
+    #[inline]
+    fn rest(&mut self) {
+        if !self.rests {
+            self.rests = true;
             self.law.reset();
             self.output.reset();
-            if throttled {
-                self.throttle.reset();
-            }
-            (self.idle(neutral), 0)
-        } else if throttled && setpoint != Setpoint::Pulse {
-            self.throttle.obey(command);
-            let (duty, error) =
-                self.throttle
-                    .drive(settings, command, setpoint, master, &measured, &mut limits);
-            (actuate(duty, neutral), error)
-        } else {
-            let master = master.unwrap_or(Duty::ZERO);
-            let request = self.request(settings, command, setpoint, master, &measured);
-            let duty = self
-                .output
-                .apply(settings, &measured, &request, &mut limits);
-            let error = reported_error(setpoint, &request, duty, &measured);
-            (actuate(duty, neutral), error)
-        };
-
-        Snapshot {
-            mode,
-            state: self.state,
-            faults: self.faults.active(),
-            fault_events: self.faults.events(),
-            actuation,
-            neutral,
-            opts: command.opts,
-            error,
-            position: measured.position,
-            velocity: measured.velocity,
-            raw: *self.sensors.raw(),
-            accumulator: self.throttle.accumulator(),
-            current: Amps::from_bits(measured.current),
-            bus_voltage: Volts::from_bits(measured.bus_voltage),
-            temperature: Celsius::from_bits(measured.temperature),
-            analog_in: Volts::from_bits(measured.analog_in),
-            pins: sample.pins,
-            forward: limits.forward,
-            reverse: limits.reverse,
-            current_limited: limits.current_limited,
-            pulse_valid: self.pulse.is_valid(),
+            self.throttle.reset();
+            self.snapshot.accumulator = self.throttle.accumulator();
         }
-    }
-
-    /// What the bridge does while nothing is driven: floats unless the drive is halted, without a fault,
-    /// and brakes at neutral.
-    fn idle(&self, neutral: Neutral) -> Actuation {
-        if self.state == DriveState::Halted && !self.faults.stops() {
-            actuate(Duty::ZERO, neutral)
+        if matches!(self.setpoint, Setpoint::Follow(_)) {
+            self.follower.wait();
+        }
+        let snapshot = &mut self.snapshot;
+        snapshot.actuation = if snapshot.state == DriveState::Halted && !self.faults.stops() {
+            actuate(Duty::ZERO, snapshot.neutral)
         } else {
             Actuation::Off
-        }
+        };
+        snapshot.error = 0;
+        snapshot.current_limited = false;
     }
 
-    fn advance_state(&mut self, settings: &Settings, command: &Command) {
-        let event = self
-            .liveness
-            .update(&settings.policy, command, self.pulse.is_valid());
-        if let Some(event) = event {
-            self.state = transition(self.state, event);
+    /// A running drive: setpoint, control law, and what the output makes of it.
+    #[inline]
+    fn drive(&mut self, settings: &Settings, command: &Command) {
+        if settings.policy.law == Law::Throttle && self.setpoint != Setpoint::Pulse {
+            self.drive_throttle(settings, command);
+            return;
         }
-        if self.state == DriveState::SelfCheck && self.sensors.is_ready() {
-            self.state = transition(self.state, Event::Ready);
-            // A command that came during the self-check and is still alive counts from now on.
-            if let Some(event) = self.liveness.standing(&settings.policy, command) {
-                self.state = transition(self.state, event);
-            }
-        }
-    }
-
-    /// Neutral behaviour in force: the command's, as long as it has not timed out, else the stored one.
-    fn neutral(&self, settings: &Settings, command: &Command) -> Neutral {
-        match command.opts.neutral {
-            Some(neutral) if !self.liveness.has_expired() => neutral,
-            _ => settings.neutral,
-        }
-    }
-
-    /// Setpoint and control law: the duty cycle asked for, before it is shaped.
-    fn request<'a>(
-        &mut self,
-        settings: &'a Settings,
-        command: &Command,
-        setpoint: Setpoint,
-        master: Duty,
-        measured: &Measured,
-    ) -> Request<'a> {
         let opts = &command.opts;
-        let slot = settings.slot(opts.slot);
-        let gains = &slot.gains;
-        let mut closed_loop = |target: i32, value: i32, unit: Unit| {
-            let error = target.saturating_sub(value);
-            let output = self.law.step(gains, target, error, unit);
-            let beyond = error.wrapping_abs() > gains.allowable_error;
-            (
-                output,
-                error,
-                Shape::ClosedLoop {
-                    slot,
-                    nominal: beyond,
-                },
-            )
-        };
-        let open_loop = Shape::OpenLoop {
-            ramp: i32::from(opts.ramp),
-        };
-        let (duty, error, shape) = match setpoint {
-            Setpoint::Off | Setpoint::Neutral => (0, 0, open_loop),
-            Setpoint::Duty(duty) => (i32::from(duty.units()), 0, open_loop),
-            Setpoint::Velocity(target) => closed_loop(target, measured.velocity, Unit::Count),
-            Setpoint::Position(target) => closed_loop(target, measured.position, Unit::Count),
+        let snapshot = &mut self.snapshot;
+        let closed = match self.setpoint {
+            Setpoint::Velocity(target) => Some((target, snapshot.velocity, Unit::Count)),
+            Setpoint::Position(target) => Some((target, snapshot.position, Unit::Count)),
             Setpoint::Current(target) => {
                 // The setpoint's direction is the motor's: with reversed terminals the current that
                 // serves it is negative, and without this the loop would run away.
+                let current = snapshot.current.to_bits();
                 let current = if opts.reverse_motor {
-                    -measured.current
+                    current.wrapping_neg()
                 } else {
-                    measured.current
+                    current
                 };
-                closed_loop(target.to_bits(), current, Unit::Fixed)
+                Some((target.to_bits(), current, Unit::Fixed))
             }
-            Setpoint::Voltage(target) => (compensate(target, measured.bus_voltage), 0, open_loop),
-            Setpoint::Follow(_) => (i32::from(master.units()), 0, open_loop),
-            Setpoint::Pulse => (
-                i32::from(self.pulse.duty().units()),
-                0,
-                Shape::OpenLoop { ramp: 0 },
-            ),
+            _ => None,
         };
-        let duty = Duty::saturating(duty);
-        let duty = if opts.reverse_motor {
-            duty.reversed()
-        } else {
-            duty
+        let (asked, shaped) = match closed {
+            Some((target, value, unit)) => {
+                let slot = settings.slot(opts.slot);
+                let error = target.saturating_sub(value);
+                snapshot.error = error;
+                let asked = self.law.step(&slot.gains, target, error, unit);
+                let asked = turned(asked, opts.reverse_motor);
+                let beyond = error.wrapping_abs() > slot.gains.allowable_error;
+                (asked, self.output.closed_loop(asked, slot, beyond))
+            }
+            None => {
+                snapshot.error = 0;
+                let bus_voltage = snapshot.bus_voltage;
+                let (asked, ramp) = match self.setpoint {
+                    Setpoint::Duty(duty) => (i32::from(duty.units()), opts.ramp),
+                    Setpoint::Voltage(target) => (compensate(target, bus_voltage), opts.ramp),
+                    Setpoint::Follow(_) => {
+                        self.follower.wait();
+                        (i32::from(self.follower.duty().units()), opts.ramp)
+                    }
+                    Setpoint::Pulse => (i32::from(self.pulse.duty().units()), 0),
+                    _ => (0, opts.ramp),
+                };
+                let asked = turned(asked, opts.reverse_motor);
+                (asked, self.output.open_loop(asked, ramp))
+            }
         };
-        Request { duty, error, shape }
+        let duty = self.output.apply(settings, shaped, snapshot);
+        snapshot.actuation = actuate(duty, snapshot.neutral);
+        match self.setpoint {
+            Setpoint::Duty(_) => {
+                snapshot.error = i32::from(asked.units()) - i32::from(duty.units());
+            }
+            Setpoint::Voltage(target) => {
+                snapshot.error = voltage_error(target, snapshot.bus_voltage, duty);
+            }
+            _ => {}
+        }
     }
+
+    #[inline(never)]
+    fn drive_throttle(&mut self, settings: &Settings, command: &Command) {
+        self.throttle.obey(command);
+        let setpoint = self.setpoint;
+        if matches!(setpoint, Setpoint::Follow(_)) {
+            self.follower.wait();
+        }
+        let master = self.follower.report();
+        let duty = self
+            .throttle
+            .drive(settings, command, setpoint, master, &mut self.snapshot);
+        self.snapshot.accumulator = self.throttle.accumulator();
+        self.snapshot.actuation = actuate(duty, self.snapshot.neutral);
+    }
+}
+
+/// What a law or a setpoint asks for, saturated, at the terminals.
+fn turned(duty: i32, reverse_motor: bool) -> Duty {
+    let duty = Duty::saturating(duty);
+    if reverse_motor { duty.reversed() } else { duty }
 }
 
 /// What the bridge does with a duty cycle.
@@ -262,57 +291,19 @@ const fn actuate(duty: Duty, neutral: Neutral) -> Actuation {
     }
 }
 
-/// Judges the limits of both directions.
-fn judge_both(
-    settings: &Settings,
-    command: &Command,
-    sample: &Sample,
-    position: i32,
-) -> ActiveLimits {
-    let (over, pins) = (command.opts.limits, &sample.pins);
-    ActiveLimits {
-        forward: judge(
-            Direction::Forward,
-            &settings.forward,
-            over,
-            pins.forward_limit,
-            position,
-        ),
-        reverse: judge(
-            Direction::Reverse,
-            &settings.reverse,
-            over,
-            pins.reverse_limit,
-            position,
-        ),
-        current_limited: false,
-    }
-}
-
 /// The duty cycle that gives `target` volts at the terminals with the present bus voltage (16.16 V),
 /// saturated. Without any bus voltage every target is out of reach: full duty cycle.
-fn compensate(target: Volts, bus_voltage: i32) -> i32 {
+fn compensate(target: Volts, bus_voltage: Volts) -> i32 {
     // ±128 V (the 8.16 field of the control frame) keeps the numerator within 31 bits.
     const LIMIT: i32 = (1 << 23) - 1;
     let numerator = target.to_bits().clamp(-LIMIT, LIMIT) << 7;
-    let bus_voltage = (bus_voltage >> 8).max(1);
+    let bus_voltage = (bus_voltage.to_bits() >> 8).max(1);
     numerator / bus_voltage
 }
 
-/// The error that status frames show, see [`Snapshot::error`].
-fn reported_error(
-    setpoint: Setpoint,
-    request: &Request<'_>,
-    duty: Duty,
-    measured: &Measured,
-) -> i32 {
-    match setpoint {
-        Setpoint::Duty(_) => i32::from(request.duty.units()) - i32::from(duty.units()),
-        Setpoint::Voltage(target) => {
-            let product = i64::from(measured.bus_voltage) * i64::from(duty.units());
-            let applied = (product >> 15).clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-            target.to_bits().saturating_sub(applied)
-        }
-        _ => request.error,
-    }
+/// Target minus what is applied, in 16.16 volts.
+fn voltage_error(target: Volts, bus_voltage: Volts, duty: Duty) -> i32 {
+    let product = i64::from(bus_voltage.to_bits()) * i64::from(duty.units());
+    let applied = (product >> 15).clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+    target.to_bits().saturating_sub(applied)
 }

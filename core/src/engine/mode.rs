@@ -5,7 +5,7 @@
 
 use super::command::{Command, MasterReport, Setpoint};
 use super::settings::{Enabling, Policy, Resume};
-use super::snapshot::{DriveState, Mode, Pulse};
+use super::snapshot::{DriveState, Mode, Pulse, Snapshot};
 use crate::time::TICKS_PER_MS;
 use crate::units::Duty;
 
@@ -46,7 +46,23 @@ pub struct Liveness {
     expired: bool,
     /// The command is alive, and so is its permission.
     in_force: bool,
+    watched: Watched,
+    /// The policy's times.
+    timeout_ticks: u16,
+    pause_ticks: u16,
     permission: Permission,
+}
+
+/// What keeps the command in force.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Watched {
+    /// Control frames.
+    #[default]
+    Heartbeat,
+    /// The RC-PWM input.
+    Pulse,
+    /// Control frames and a permission of its own.
+    Permission,
 }
 
 /// Follows the permission to drive, where it is separate, and the pauses.
@@ -69,20 +85,20 @@ impl Permission {
     }
 
     /// One tick; true if there is permission and no pause.
-    fn update(&mut self, policy: &Policy, command: &Command) -> bool {
+    fn update(&mut self, timeout_ticks: u16, pause_ticks: u16, command: &Command) -> bool {
         let enable = command.enable;
         if enable.withdrawn {
             self.sequence = enable.sequence;
             self.ticks_left = 0;
         } else if enable.sequence != self.sequence {
             self.sequence = enable.sequence;
-            self.ticks_left = policy.command_timeout_ticks;
+            self.ticks_left = timeout_ticks;
         } else {
             self.ticks_left = self.ticks_left.saturating_sub(1);
         }
         if command.pause != self.pause {
             self.pause = command.pause;
-            self.pause_left = policy.pause_ticks;
+            self.pause_left = pause_ticks;
         } else {
             self.pause_left = self.pause_left.saturating_sub(1);
         }
@@ -99,56 +115,67 @@ impl Liveness {
             heartbeat: 0,
             expired: false,
             in_force: false,
+            watched: Watched::Heartbeat,
+            timeout_ticks: 0,
+            pause_ticks: 0,
             permission: Permission::new(),
         }
     }
 
-    /// One tick; gives what the command means for the state, if anything.
-    pub fn update(
-        &mut self,
-        policy: &Policy,
-        command: &Command,
-        pulse_valid: bool,
-    ) -> Option<Event> {
-        if policy.enabling == Enabling::Separate && !matches!(command.setpoint, Setpoint::Pulse) {
-            return Some(self.update_separately(policy, command));
+    /// A command that has changed; gives what it means for the state if it is a new control frame that carries
+    /// its own permission. [`Liveness::update`] is to be called in the same tick if it gives nothing.
+    pub fn obey(&mut self, policy: &Policy, command: &Command) -> Option<Event> {
+        self.timeout_ticks = policy.command_timeout_ticks;
+        self.pause_ticks = policy.pause_ticks;
+        self.watched = match (command.setpoint, policy.enabling) {
+            (Setpoint::Pulse, _) => Watched::Pulse,
+            (_, Enabling::WithCommand) => Watched::Heartbeat,
+            (_, Enabling::Separate) => Watched::Permission,
+        };
+        if self.watched == Watched::Permission || command.sequence == self.sequence {
+            return None;
         }
-        if command.sequence != self.sequence {
-            self.sequence = command.sequence;
-            self.expired = false;
-            let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
-            self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
-            self.in_force = !off;
-            return Some(self.standing(policy, command).unwrap_or(Event::Halt));
-        }
-        if matches!(command.setpoint, Setpoint::Pulse) {
-            return Some(if pulse_valid {
-                Event::Drive
-            } else {
-                Event::Halt
-            });
-        }
-        if self.heartbeat > 0 {
-            self.heartbeat -= 1;
-            if self.heartbeat == 0 {
+        self.sequence = command.sequence;
+        self.expired = false;
+        let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
+        self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
+        self.in_force = !off;
+        Some(self.standing(policy, command).unwrap_or(Event::Halt))
+    }
+
+    /// One tick in which [`Liveness::obey`] had nothing to say; gives what happens to the state, if anything. The
+    /// setpoint in force changes only with an event or a changed command.
+    #[inline]
+    pub fn update(&mut self, command: &Command, pulse_valid: bool) -> Option<Event> {
+        match self.watched {
+            Watched::Heartbeat if self.heartbeat == 0 => None,
+            Watched::Heartbeat => {
+                self.heartbeat -= 1;
+                if self.heartbeat > 0 {
+                    return None;
+                }
                 self.expired = true;
                 self.in_force = false;
-                return Some(Event::Timeout);
+                Some(Event::Timeout)
             }
+            Watched::Pulse if pulse_valid => Some(Event::Drive),
+            Watched::Pulse => Some(Event::Halt),
+            Watched::Permission => Some(self.update_separately(command)),
         }
-        None
     }
 
     /// One tick where the permission is separate: the drive runs exactly while both are alive.
-    fn update_separately(&mut self, policy: &Policy, command: &Command) -> Event {
+    fn update_separately(&mut self, command: &Command) -> Event {
         if command.sequence != self.sequence {
             self.sequence = command.sequence;
-            self.heartbeat = policy.command_timeout_ticks;
+            self.heartbeat = self.timeout_ticks;
         } else {
             self.heartbeat = self.heartbeat.saturating_sub(1);
         }
         self.expired = false;
-        let permitted = self.permission.update(policy, command);
+        let permitted = self
+            .permission
+            .update(self.timeout_ticks, self.pause_ticks, command);
         let off = matches!(command.setpoint, Setpoint::Off);
         self.in_force = permitted && self.heartbeat > 0 && !off;
         if self.in_force {
@@ -208,6 +235,7 @@ pub struct Follower {
     master: Option<u8>,
     sequence: u32,
     ticks_left: u16,
+    duty: Duty,
 }
 
 impl Follower {
@@ -218,16 +246,12 @@ impl Follower {
             master: None,
             sequence: 0,
             ticks_left: 0,
+            duty: Duty::ZERO,
         }
     }
 
-    /// One tick; gives the duty cycle to copy, nothing once the reports have stopped.
-    pub fn update(
-        &mut self,
-        policy: &Policy,
-        setpoint: Setpoint,
-        report: MasterReport,
-    ) -> Option<Duty> {
+    /// The setpoint in force or the report may have changed. To be called before [`Follower::wait`].
+    pub fn obey(&mut self, policy: &Policy, setpoint: Setpoint, report: MasterReport) {
         let master = match setpoint {
             Setpoint::Follow(master) => Some(master),
             _ => None,
@@ -238,11 +262,26 @@ impl Follower {
         }
         if report.sequence != self.sequence {
             self.sequence = report.sequence;
-            self.ticks_left = policy.master_timeout_ticks;
-        } else {
-            self.ticks_left = self.ticks_left.saturating_sub(1);
+            self.ticks_left = policy.master_timeout_ticks.saturating_add(1);
         }
-        (self.ticks_left > 0).then_some(report.duty)
+        self.duty = report.duty;
+    }
+
+    /// One tick; to be called in every tick in which a controller is followed.
+    pub fn wait(&mut self) {
+        self.ticks_left = self.ticks_left.saturating_sub(1);
+    }
+
+    /// The duty cycle to copy, nothing once the reports have stopped.
+    #[must_use]
+    pub fn report(&self) -> Option<Duty> {
+        (self.ticks_left > 0).then_some(self.duty)
+    }
+
+    /// The duty cycle to copy, zero once the reports have stopped.
+    #[must_use]
+    pub fn duty(&self) -> Duty {
+        self.report().unwrap_or(Duty::ZERO)
     }
 }
 
@@ -275,21 +314,28 @@ impl PulseInput {
         }
     }
 
-    /// One tick. Pulses outside the accepted widths are ignored and do not keep the input alive.
-    pub fn update(&mut self, pulse: Pulse) {
-        if pulse.count != self.count && PULSE_ACCEPTED.contains(&pulse.width_us) {
+    /// One tick; shows whether pulses arrive. Those outside the accepted widths are ignored and do not keep the
+    /// input alive.
+    #[inline]
+    pub fn update(&mut self, pulse: Pulse, shown: &mut Snapshot) {
+        if pulse.count != self.count {
+            self.take(pulse);
+            shown.pulse_valid = self.ticks_left > 0;
+        } else if self.ticks_left > 0 {
+            self.ticks_left -= 1;
+            shown.pulse_valid = self.ticks_left > 0;
+        }
+    }
+
+    #[inline(never)]
+    fn take(&mut self, pulse: Pulse) {
+        self.count = pulse.count;
+        if PULSE_ACCEPTED.contains(&pulse.width_us) {
             self.ticks_left = PULSE_TIMEOUT_TICKS;
             self.duty = duty_of_pulse(pulse.width_us);
         } else {
             self.ticks_left = self.ticks_left.saturating_sub(1);
         }
-        self.count = pulse.count;
-    }
-
-    /// True while pulses arrive.
-    #[must_use]
-    pub const fn is_valid(&self) -> bool {
-        self.ticks_left > 0
     }
 
     /// The duty cycle asked for.
@@ -353,18 +399,16 @@ mod tests {
     #[test]
     fn pulse_input_ends_100_ms_after_the_last_valid_pulse() {
         let mut input = PulseInput::default();
-        input.update(Pulse {
-            width_us: 1750,
-            count: 1,
-        });
-        for tick in 1..=200 {
-            assert!(input.is_valid(), "tick {tick}");
-            // A pulse of nonsense width must not keep the input alive.
-            input.update(Pulse {
-                width_us: 2500,
-                count: 1 + tick,
-            });
+        let mut shown = Snapshot::new();
+        let mut pulse = |width_us, count| {
+            input.update(Pulse { width_us, count }, &mut shown);
+            shown.pulse_valid
+        };
+        assert!(pulse(1750, 1));
+        // Pulses of nonsense width must not keep the input alive.
+        for tick in 1..200 {
+            assert!(pulse(2500, 1 + tick), "tick {tick}");
         }
-        assert!(!input.is_valid());
+        assert!(!pulse(2500, 201));
     }
 }

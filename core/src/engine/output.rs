@@ -2,41 +2,10 @@
 //! hard and soft limits.
 
 use super::current_limit::CurrentLimiter;
-use super::sensor::Measured;
-use super::settings::{Derating, Settings, SlotSettings};
-use super::snapshot::LimitStatus;
+use super::limit::Directions;
+use super::settings::{Settings, SlotSettings};
+use super::snapshot::{LimitStatus, Snapshot};
 use crate::units::Duty;
-
-/// How a request is shaped.
-pub(super) enum Shape<'a> {
-    /// By the ramp of the command.
-    OpenLoop {
-        /// Throttle units per tick, 0 = at once.
-        ramp: i32,
-    },
-    /// By the gain slot.
-    ClosedLoop {
-        slot: &'a SlotSettings,
-        /// The error is large enough for the nominal duty cycle.
-        nominal: bool,
-    },
-}
-
-/// What setpoint and control law ask for.
-pub(super) struct Request<'a> {
-    /// After motor reversal.
-    pub(super) duty: Duty,
-    /// Target minus measured value of a closed loop.
-    pub(super) error: i32,
-    pub(super) shape: Shape<'a>,
-}
-
-/// What limits the output in this tick.
-pub(super) struct ActiveLimits {
-    pub(super) forward: LimitStatus,
-    pub(super) reverse: LimitStatus,
-    pub(super) current_limited: bool,
-}
 
 /// State of the output. Its ramp starts from the applied value, so whatever limits the output also holds
 /// the ramp, and a release is never a jump.
@@ -56,52 +25,74 @@ impl Output {
 
     /// The output is off: the next ramp starts at zero.
     pub(super) fn reset(&mut self) {
-        *self = Self::new();
+        self.applied = 0;
+        self.limiter.reset();
     }
 
-    /// Shapes one request; reports refused directions and current limiting in `limits`.
-    pub(super) fn apply(
-        &mut self,
-        settings: &Settings,
-        measured: &Measured,
-        request: &Request<'_>,
-        limits: &mut ActiveLimits,
-    ) -> Duty {
-        let requested = i32::from(request.duty.units());
-        let mut duty = match request.shape {
-            Shape::OpenLoop { ramp } => ramped(self.applied, requested, ramp),
-            Shape::ClosedLoop { slot, nominal } => {
-                let ramped = ramped(self.applied, requested, slot.ramp);
-                let raised = if nominal {
-                    raised(slot, requested, ramped)
-                } else {
-                    ramped
-                };
-                raised.min(slot.forward_max).max(slot.reverse_max)
-            }
+    /// A request of an open loop: `ramp` throttle units per tick, 0 = at once.
+    #[inline]
+    pub(super) fn open_loop(&self, requested: Duty, ramp: u16) -> i32 {
+        ramped(self.applied, i32::from(requested.units()), i32::from(ramp))
+    }
+
+    /// A request of a closed loop, shaped by its gain slot. `nominal`: the error is large enough for the
+    /// nominal duty cycle.
+    #[inline]
+    pub(super) fn closed_loop(&self, requested: Duty, slot: &SlotSettings, nominal: bool) -> i32 {
+        let requested = i32::from(requested.units());
+        let ramped = ramped(self.applied, requested, slot.ramp);
+        let raised = if nominal {
+            raised(slot, requested, ramped)
+        } else {
+            ramped
         };
-        let cap = self.limiter.cap(
-            &settings.current_limit,
-            measured.current.saturating_abs(),
-            self.applied.abs(),
-            duty.abs(),
-        );
-        limits.current_limited = cap.is_some();
-        let derated = settings.board.thresholds.derating.cap(measured.temperature);
-        let cap = cap.unwrap_or(Derating::FULL).min(derated);
-        duty = duty.min(cap).max(-cap);
-        if duty > 0 && limits.forward.blocked {
-            limits.forward.refused = true;
-            duty = 0;
+        raised.min(slot.forward_max).max(slot.reverse_max)
+    }
+
+    /// The shaped duty cycle as far as current, temperature and limits allow; shows what does not.
+    #[inline]
+    pub(super) fn apply(&mut self, settings: &Settings, shaped: i32, shown: &mut Snapshot) -> Duty {
+        let mut duty = shaped;
+        let cap = if settings.current_limit.enabled {
+            self.limiter.cap(
+                &settings.current_limit,
+                shown.current.to_bits().saturating_abs(),
+                self.applied.abs(),
+                shaped.abs(),
+            )
+        } else {
+            self.limiter.reset();
+            None
+        };
+        shown.current_limited = cap.is_some();
+        if let Some(cap) = cap {
+            duty = duty.min(cap).max(-cap);
         }
-        if duty < 0 && limits.reverse.blocked {
-            limits.reverse.refused = true;
-            duty = 0;
+        let temperature = shown.temperature.to_bits();
+        let derating = &settings.board.thresholds.derating;
+        if derating.acts(temperature) {
+            let cap = derating.cap(temperature);
+            duty = duty.min(cap).max(-cap);
+        }
+        if !shown.limits.blocked.is_empty() {
+            duty = unblocked(duty, &mut shown.limits);
         }
         let duty = Duty::saturating(duty);
         self.applied = i32::from(duty.units());
         duty
     }
+}
+
+/// The duty cycle unless its direction is blocked; then zero, and the direction shows as refused.
+#[inline]
+pub(super) fn unblocked(duty: i32, limits: &mut LimitStatus) -> i32 {
+    let wanted = Directions::new(duty > 0, duty < 0);
+    let refused = wanted.intersection(limits.blocked);
+    if refused.is_empty() {
+        return duty;
+    }
+    limits.refused = refused;
+    0
 }
 
 /// `from` moved towards `to` by at most `rate`; 0 = at once.

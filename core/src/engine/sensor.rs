@@ -1,10 +1,11 @@
 //! From raw samples to measured values: encoder position and velocity, current, voltages, temperature.
 
-use super::command::{Command, PositionOf, SensorSelect, Setpoint};
-use super::limit::switch_hit;
+use super::command::{Command, DriveOpts, PositionOf, SensorSelect, SetPosition, Setpoint};
+use super::limit::Directions;
 use super::other_sensors::{OtherSensors, Reading};
-use super::settings::{SensorSet, Settings};
-use super::snapshot::{Conversions, RawSensors, Sample};
+use super::settings::{IndexSettings, SensorSet, Settings};
+use super::snapshot::{Conversions, RawSensors, Sample, Snapshot};
+use crate::units::{Amps, Celsius, Volts};
 
 /// Ticks of the velocity window: 100 ms (guide, "Quadrature Encoder Status Frames").
 const WINDOW: usize = 200;
@@ -19,31 +20,17 @@ const ZERO_NOMINAL: u16 = 2048;
 /// A zero further off than this (5 % of full scale) is no zero: current flows or the amplifier is broken.
 const ZERO_TOLERANCE: u16 = 205;
 
-/// Measured values of one tick; electrical ones in 16.16.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Measured {
-    /// Counts of the selected sensor, after sensor reversal.
-    pub position: i32,
-    /// Counts per 100 ms, after sensor reversal.
-    pub velocity: i32,
-    /// Amperes.
-    pub current: i32,
-    /// Volts.
-    pub bus_voltage: i32,
-    /// Degrees Celsius.
-    pub temperature: i32,
-    /// Volts.
-    pub analog_in: i32,
-}
-
 /// State of the sensors.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     encoder: Encoder,
     others: OtherSensors,
-    raw: RawSensors,
     zero: ZeroCurrent,
     set_generation: u32,
+    /// An order that has not been carried out yet.
+    order: Option<SetPosition>,
+    /// The selected sensor is reversed, where it is always the encoder.
+    reverse_encoder: bool,
 }
 
 impl Default for Sensors {
@@ -59,16 +46,11 @@ impl Sensors {
         Self {
             encoder: Encoder::new(),
             others: OtherSensors::new(),
-            raw: RawSensors::NONE,
             zero: ZeroCurrent::Averaging { sum: 0, samples: 0 },
             set_generation: 0,
+            order: None,
+            reverse_encoder: false,
         }
-    }
-
-    /// Every sensor as it counts, where all are followed.
-    #[must_use]
-    pub const fn raw(&self) -> &RawSensors {
-        &self.raw
     }
 
     /// True once the zero of the current sensor is known.
@@ -77,69 +59,73 @@ impl Sensors {
         matches!(self.zero, ZeroCurrent::Known(_))
     }
 
-    /// Takes one sample.
-    pub fn update(&mut self, settings: &Settings, sample: &Sample, command: &Command) -> Measured {
+    /// A command that has changed. Its order to overwrite a position is carried out with the next sample if it is
+    /// a new one.
+    pub fn obey(&mut self, command: &Command) {
         let order = command.set_position;
-        let new = order.generation != self.set_generation;
-        self.set_generation = order.generation;
+        if order.generation != self.set_generation {
+            self.set_generation = order.generation;
+            self.order = Some(order);
+            self.encoder.attentive = true;
+        }
+        let following = matches!(command.setpoint, Setpoint::Follow(_));
+        self.reverse_encoder = command.opts.reverse_sensor && !following;
+    }
+
+    /// Takes one sample and shows what it means. `switch_hit`: limit switches in their active state.
+    #[inline]
+    pub fn update(
+        &mut self,
+        settings: &Settings,
+        sample: &Sample,
+        command: &Command,
+        switch_hit: Directions,
+        shown: &mut Snapshot,
+    ) {
+        let clear = !switch_hit
+            .intersection(settings.limits.clears_position)
+            .is_empty();
         let selected = match settings.policy.sensors {
             SensorSet::Encoder => {
-                let following = matches!(command.setpoint, Setpoint::Follow(_));
-                let reverse = command.opts.reverse_sensor && !following;
-                let counts = new.then_some(order.counts);
-                self.encoder.update(settings, sample, counts, reverse)
+                let reverse = self.reverse_encoder;
+                if self.encoder.has_news(sample) {
+                    let counts = self.order.take().map(|order| turned(order.counts, reverse));
+                    self.encoder.move_origin(settings.index, sample, counts);
+                }
+                self.encoder.update(sample, clear).reversed_if(reverse)
             }
-            SensorSet::All => self.update_all(settings, sample, command, new),
+            SensorSet::All => self.update_all(settings, sample, command, clear, shown),
         };
-        let current = self
-            .zero
-            .update(sample.current)
-            .wrapping_mul(settings.current_multiplier);
-        Measured {
-            position: selected.position,
-            velocity: selected.velocity,
-            current,
-            bus_voltage: settings.board.bus_voltage.convert(sample.bus_voltage),
-            temperature: settings.board.temperature.convert(sample.temperature),
-            analog_in: settings.board.analog_in.convert(sample.analog_in),
-        }
+        shown.position = selected.position;
+        shown.velocity = selected.velocity;
+        let current = self.zero.update(sample.current);
+        let current = current.wrapping_mul(settings.current_multiplier);
+        shown.current = Amps::from_bits(current);
+        let board = &settings.board;
+        shown.bus_voltage = Volts::from_bits(board.bus_voltage.convert(sample.bus_voltage));
+        shown.temperature = Celsius::from_bits(board.temperature.convert(sample.temperature));
+        shown.analog_in = Volts::from_bits(board.analog_in.convert(sample.analog_in));
     }
-}
 
-impl Sensors {
-    /// Every sensor, and the selected one's reading. `new`: the order to overwrite a position has not
-    /// been carried out yet.
+    /// Every sensor, and the selected one's reading.
     #[inline(never)]
     fn update_all(
         &mut self,
         settings: &Settings,
         sample: &Sample,
         command: &Command,
-        new: bool,
+        clear: bool,
+        shown: &mut Snapshot,
     ) -> Reading {
-        let (opts, order) = (&command.opts, command.set_position);
+        let opts = &command.opts;
         self.others.update(sample);
-        let mut encoder_order = None;
-        if new {
-            match (order.of, opts.sensor) {
-                (PositionOf::Encoder, _) => encoder_order = Some(order.counts),
-                (PositionOf::Selected, sensor) => {
-                    let counts = if opts.reverse_sensor {
-                        order.counts.wrapping_neg()
-                    } else {
-                        order.counts
-                    };
-                    match sensor {
-                        SensorSelect::Quadrature => encoder_order = Some(counts),
-                        SensorSelect::AnalogEncoder => self.others.set_analog_encoder(counts),
-                        SensorSelect::RisingEdges => self.others.set_rising_edges(counts),
-                        // Absolute, or nothing to set (manual 13).
-                        SensorSelect::AnalogPotentiometer | SensorSelect::None => {}
-                    }
-                }
-            }
+        let order = self.order.take();
+        let encoder_order = order.and_then(|order| self.overwrite(order, opts));
+        if self.encoder.has_news(sample) {
+            self.encoder
+                .move_origin(settings.index, sample, encoder_order);
         }
-        let encoder = self.encoder.update(settings, sample, encoder_order, false);
+        let encoder = self.encoder.update(sample, clear);
         let analog = self.others.analog_encoder();
         let selected = match opts.sensor {
             SensorSelect::Quadrature => encoder,
@@ -148,7 +134,7 @@ impl Sensors {
             SensorSelect::RisingEdges => self.others.rising_edges(),
             SensorSelect::None => Reading::default(),
         };
-        self.raw = RawSensors {
+        shown.raw = RawSensors {
             encoder,
             analog,
             index_rises: sample.index_rising.edges,
@@ -160,6 +146,31 @@ impl Sensors {
             },
         };
         selected.reversed_if(opts.reverse_sensor)
+    }
+
+    /// Carries out an order to overwrite a position; gives the encoder's new counts if they are meant.
+    fn overwrite(&mut self, order: SetPosition, opts: &DriveOpts) -> Option<i32> {
+        if order.of == PositionOf::Encoder {
+            return Some(order.counts);
+        }
+        let counts = turned(order.counts, opts.reverse_sensor);
+        match opts.sensor {
+            SensorSelect::Quadrature => return Some(counts),
+            SensorSelect::AnalogEncoder => self.others.set_analog_encoder(counts),
+            SensorSelect::RisingEdges => self.others.set_rising_edges(counts),
+            // Absolute, or nothing to set (manual 13).
+            SensorSelect::AnalogPotentiometer | SensorSelect::None => {}
+        }
+        None
+    }
+}
+
+/// Counts of a sensor that counts the other way round.
+const fn turned(counts: i32, reverse: bool) -> i32 {
+    if reverse {
+        counts.wrapping_neg()
+    } else {
+        counts
     }
 }
 
@@ -176,9 +187,9 @@ impl ZeroCurrent {
     /// Conversion steps above zero; 0 while the zero is unknown.
     fn update(&mut self, sample: u16) -> i32 {
         match *self {
-            Self::Known(zero) => i32::from(sample & 0x0FFF) - i32::from(zero),
+            Self::Known(zero) => i32::from(sample) - i32::from(zero),
             Self::Averaging { sum, samples } => {
-                let (sum, samples) = (sum + u32::from(sample & 0x0FFF), samples + 1);
+                let (sum, samples) = (sum + u32::from(sample), samples + 1);
                 *self = Self::Averaging { sum, samples };
                 if samples == ZERO_SAMPLES {
                     let zero = ((sum + ZERO_SAMPLES / 2) / ZERO_SAMPLES) as u16;
@@ -202,80 +213,93 @@ impl ZeroCurrent {
 /// frame can not leave the position half reversed.
 #[derive(Clone, Debug)]
 struct Encoder {
-    /// Hardware counter of the first sample: positions count from power-on.
-    first: Option<u32>,
-    /// Count (relative to `first`) at which the position is zero.
-    origin: u32,
-    window: [u32; WINDOW],
+    /// A sample has been taken.
+    started: bool,
+    /// The next sample is the first one, or there is an order: [`Encoder::move_origin`] has to look.
+    attentive: bool,
     at: u8,
     /// Rising and falling edges seen; both are followed, so that choosing the other one is no edge.
     index_edges: [u16; 2],
+    /// Hardware counter of the first sample: positions count from power-on.
+    first: u32,
+    /// Count (relative to `first`) at which the position is zero.
+    origin: u32,
+    window: [u32; WINDOW],
 }
 
 impl Encoder {
     const fn new() -> Self {
         Self {
-            first: None,
-            origin: 0,
-            window: [0; WINDOW],
+            started: false,
+            attentive: true,
             at: 0,
             index_edges: [0; 2],
+            first: 0,
+            origin: 0,
+            window: [0; WINDOW],
         }
     }
 
-    fn update(
-        &mut self,
-        settings: &Settings,
-        sample: &Sample,
-        order: Option<i32>,
-        reverse: bool,
-    ) -> Reading {
-        let first = match self.first {
-            Some(first) => first,
-            None => {
-                self.index_edges = [sample.index_rising.edges, sample.index_falling.edges];
-                *self.first.insert(sample.encoder)
-            }
-        };
-        let count = sample.encoder.wrapping_sub(first);
-        let [rising, falling] = self.index_edges;
-        self.index_edges = [sample.index_rising.edges, sample.index_falling.edges];
-        let (index, seen) = if settings.index.rising {
-            (sample.index_rising, rising)
-        } else {
-            (sample.index_falling, falling)
-        };
-        if settings.index.clears_position && index.edges != seen {
-            self.origin = index.count.wrapping_sub(first);
-        }
-        if let Some(counts) = order {
-            let counts = if reverse {
-                counts.wrapping_neg()
-            } else {
-                counts
-            };
-            self.origin = count.wrapping_sub(counts as u32);
-        }
-        let forward = &settings.forward;
-        let reverse_limit = &settings.reverse;
-        if (forward.clears_position && switch_hit(forward, sample.pins.forward_limit))
-            || (reverse_limit.clears_position
-                && switch_hit(reverse_limit, sample.pins.reverse_limit))
-        {
+    /// True if [`Encoder::move_origin`] has to look: also with an index edge.
+    #[inline]
+    fn has_news(&self, sample: &Sample) -> bool {
+        let edges = [sample.index_rising.edges, sample.index_falling.edges];
+        self.attentive || edges != self.index_edges
+    }
+
+    /// One tick. `clear`: the position is zero now.
+    #[inline]
+    fn update(&mut self, sample: &Sample, clear: bool) -> Reading {
+        let count = sample.encoder.wrapping_sub(self.first);
+        if clear {
             self.origin = count;
         }
-        let velocity = count.wrapping_sub(self.slide(count)) as i32;
-        let position = count.wrapping_sub(self.origin) as i32;
-        Reading { position, velocity }.reversed_if(reverse)
+        Reading {
+            velocity: count.wrapping_sub(self.slide(count)) as i32,
+            position: count.wrapping_sub(self.origin) as i32,
+        }
+    }
+
+    /// What seldom happens: the first sample, an index edge, an order to overwrite the position.
+    #[inline(never)]
+    fn move_origin(&mut self, index: IndexSettings, sample: &Sample, order: Option<i32>) {
+        self.attentive = false;
+        let (rising, falling) = (sample.index_rising, sample.index_falling);
+        let mut seen = self.index_edges;
+        self.index_edges = [rising.edges, falling.edges];
+        if !self.started {
+            self.started = true;
+            self.first = sample.encoder;
+            seen = self.index_edges;
+        }
+        let [seen_rising, seen_falling] = seen;
+        let (capture, seen) = if index.rising {
+            (rising, seen_rising)
+        } else {
+            (falling, seen_falling)
+        };
+        if index.clears_position && capture.edges != seen {
+            self.origin = capture.count.wrapping_sub(self.first);
+        }
+        if let Some(counts) = order {
+            let count = sample.encoder.wrapping_sub(self.first);
+            self.origin = count.wrapping_sub(counts as u32);
+        }
     }
 
     /// Puts `count` into the window and gives the one from 100 ms ago.
     fn slide(&mut self, count: u32) -> u32 {
         let at = usize::from(self.at);
-        self.at = if at + 1 < WINDOW { self.at + 1 } else { 0 };
         match self.window.get_mut(at) {
-            Some(slot) => core::mem::replace(slot, count),
-            None => count,
+            Some(slot) => {
+                self.at += 1;
+                core::mem::replace(slot, count)
+            }
+            None => {
+                self.at = 1;
+                let [first, ..] = &mut self.window;
+                core::mem::replace(first, count)
+            }
         }
     }
 }

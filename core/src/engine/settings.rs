@@ -5,6 +5,7 @@
 //! control path multiplies them with integers.
 
 use super::command::Neutral;
+use super::limit::Directions;
 use super::pidf::Gains;
 pub use super::policy::{
     Enabling, Indicated, Law, Policy, Resume, SensorSet, SoftThreshold, Sticky,
@@ -22,10 +23,10 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// The converted sample, 16.16.
+    /// The converted sample, 16.16; nonsense, but no panic, for a sample above 4095.
     #[must_use]
     pub fn convert(self, sample: u16) -> i32 {
-        let product = self.gain.wrapping_mul(i32::from(sample & 0x0FFF));
+        let product = self.gain.wrapping_mul(i32::from(sample));
         self.offset.wrapping_add(product >> 4)
     }
 }
@@ -65,10 +66,16 @@ impl Derating {
         Self { from, to, slope }
     }
 
+    /// True if a case temperature (16.16 °C) lowers the cap.
+    #[must_use]
+    pub const fn acts(&self, temperature: i32) -> bool {
+        temperature > self.from
+    }
+
     /// Cap on the size of the duty cycle at a case temperature (16.16 °C).
     #[must_use]
     pub fn cap(&self, temperature: i32) -> i32 {
-        if temperature <= self.from {
+        if !self.acts(temperature) {
             return Self::FULL;
         }
         let left = self.to.saturating_sub(temperature).max(0);
@@ -175,19 +182,21 @@ pub struct CurrentLimit {
     pub gains: Gains,
 }
 
-/// One limit switch with its soft limit.
+/// The limit switches with the soft limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LimitSettings {
-    /// The switch opens when it is hit.
-    pub normally_closed: bool,
-    /// The switch does not limit.
-    pub switch_disabled: bool,
-    /// The soft limit works.
-    pub soft_enabled: bool,
-    /// Position at which the soft limit acts, counts.
-    pub soft_threshold: i32,
-    /// The switch clears the position while it is hit.
-    pub clears_position: bool,
+    /// Switches that open when they are hit.
+    pub normally_closed: Directions,
+    /// Switches that do not limit.
+    pub switch_disabled: Directions,
+    /// Soft limits that work.
+    pub soft_enabled: Directions,
+    /// Switches that clear the position while they are hit.
+    pub clears_position: Directions,
+    /// Position from which on the forward soft limit acts, counts.
+    pub forward_threshold: i32,
+    /// Position down from which the reverse soft limit acts, counts.
+    pub reverse_threshold: i32,
 }
 
 /// What the index pin does.
@@ -210,10 +219,8 @@ pub struct Settings {
     pub throttle_slots: [ThrottleGains; 2],
     /// Current limiter.
     pub current_limit: CurrentLimit,
-    /// Forward limits.
-    pub forward: LimitSettings,
-    /// Reverse limits.
-    pub reverse: LimitSettings,
+    /// Hard and soft limits.
+    pub limits: LimitSettings,
     /// Index pin.
     pub index: IndexSettings,
     /// Neutral behaviour while no command overrides it.

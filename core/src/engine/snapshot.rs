@@ -1,38 +1,66 @@
 //! What goes into a tick and what comes out of it.
 
 use super::command::{DriveOpts, Neutral};
+use super::limit::Directions;
 use super::other_sensors::Reading;
 use crate::units::{Amps, Celsius, Duty, Volts};
 
-/// Levels of the digital inputs; `true` is a logic high at the pin. Limit and index inputs are pulled
-/// up: an open switch reads high, a switch closed to ground reads low.
+/// A digital input. The discriminant is its bit position in [`Pins`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pins {
+pub enum Pin {
     /// FWDLIM.
-    pub forward_limit: bool,
+    ForwardLimit = 0,
     /// REVLIM.
-    pub reverse_limit: bool,
+    ReverseLimit = 1,
     /// QEA.
-    pub encoder_a: bool,
+    EncoderA = 2,
     /// QEB.
-    pub encoder_b: bool,
+    EncoderB = 3,
     /// QEIDX.
-    pub encoder_index: bool,
+    EncoderIndex = 4,
     /// The gate driver reports a fault (already translated to active high).
-    pub gate_driver_fault: bool,
+    GateDriverFault = 5,
+}
+
+/// Levels of the digital inputs. Limit and index inputs are pulled up: an open switch reads high, a switch
+/// closed to ground reads low.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pins(u8);
+
+impl Pins {
+    /// Every input low.
+    pub const LOW: Self = Self(0);
+    /// Nothing connected: every pull-up reads high, no gate driver fault.
+    pub const OPEN: Self = Self(0x1F);
+
+    /// True if the pin reads high.
+    #[must_use]
+    pub const fn is_high(self, pin: Pin) -> bool {
+        self.0 & (1 << pin as u8) != 0
+    }
+
+    /// The levels with this pin changed.
+    #[must_use]
+    pub const fn with(self, pin: Pin, high: bool) -> Self {
+        Self(self.0 & !(1 << pin as u8) | (high as u8) << pin as u8)
+    }
+
+    /// Changes one level.
+    pub const fn set(&mut self, pin: Pin, high: bool) {
+        *self = self.with(pin, high);
+    }
+
+    /// Directions whose limit input reads high.
+    #[must_use]
+    pub const fn limits(self) -> Directions {
+        Directions::from_bits(self.0)
+    }
 }
 
 impl Default for Pins {
-    /// Nothing connected: every pull-up reads high, no gate driver fault.
+    /// Nothing connected.
     fn default() -> Self {
-        Self {
-            forward_limit: true,
-            reverse_limit: true,
-            encoder_a: true,
-            encoder_b: true,
-            encoder_index: true,
-            gate_driver_fault: false,
-        }
+        Self::OPEN
     }
 }
 
@@ -221,6 +249,12 @@ impl Faults {
         Self(self.0 | fault.bit())
     }
 
+    /// The set with `fault` added if `present`.
+    #[must_use]
+    pub const fn with_if(self, fault: Fault, present: bool) -> Self {
+        Self(self.0 | (present as u8) << fault as u8)
+    }
+
     /// Faults of both sets.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
@@ -246,19 +280,36 @@ impl Faults {
     }
 }
 
-/// One direction's limits as the engine saw them in this tick.
+/// The limits as the engine saw them in this tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LimitStatus {
-    /// The switch is in its active state by its type, whether it may limit or not.
-    pub switch_hit: bool,
-    /// The switch is disabled by parameter or override.
-    pub switch_disabled: bool,
-    /// The soft limit is enabled and reached.
-    pub soft_hit: bool,
-    /// Switch or soft limit forbid this direction.
-    pub blocked: bool,
-    /// A request in this direction was just refused.
-    pub refused: bool,
+    /// Switches in their active state by their type, whether they may limit or not.
+    pub switch_hit: Directions,
+    /// Switches disabled by parameter or override.
+    pub switch_disabled: Directions,
+    /// Soft limits that are enabled and reached.
+    pub soft_hit: Directions,
+    /// Directions that switch or soft limit forbid.
+    pub blocked: Directions,
+    /// Directions in which a request was just refused.
+    pub refused: Directions,
+}
+
+impl LimitStatus {
+    /// Nothing hit, nothing disabled.
+    pub const NONE: Self = Self {
+        switch_hit: Directions::NONE,
+        switch_disabled: Directions::NONE,
+        soft_hit: Directions::NONE,
+        blocked: Directions::NONE,
+        refused: Directions::NONE,
+    };
+
+    /// Switches that are hit and not disabled.
+    #[must_use]
+    pub const fn tripped(&self) -> Directions {
+        self.switch_hit.without(self.switch_disabled)
+    }
 }
 
 /// Sensors as they count, whichever is selected; all zero unless the policy follows
@@ -304,7 +355,7 @@ pub struct Conversions {
 }
 
 /// Everything observable after a tick, in native units.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Snapshot {
     /// Mode of the command in force; [`Mode::Off`] once the command has timed out.
     pub mode: Mode,
@@ -342,17 +393,48 @@ pub struct Snapshot {
     pub analog_in: Volts,
     /// Digital inputs.
     pub pins: Pins,
-    /// Forward limits.
-    pub forward: LimitStatus,
-    /// Reverse limits.
-    pub reverse: LimitStatus,
+    /// Limits of both directions.
+    pub limits: LimitStatus,
     /// The current limiter holds the duty cycle down.
     pub current_limited: bool,
     /// The RC-PWM input delivers valid pulses.
     pub pulse_valid: bool,
 }
 
+impl Default for Snapshot {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Snapshot {
+    /// A controller at power-on: nothing measured, output off.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            mode: Mode::Off,
+            state: DriveState::SelfCheck,
+            faults: Faults::NONE,
+            fault_events: [0; 4],
+            actuation: Actuation::Off,
+            neutral: Neutral::Brake,
+            opts: DriveOpts::NONE,
+            error: 0,
+            position: 0,
+            velocity: 0,
+            raw: RawSensors::NONE,
+            accumulator: 0,
+            current: Amps::ZERO,
+            bus_voltage: Volts::ZERO,
+            temperature: Celsius::ZERO,
+            analog_in: Volts::ZERO,
+            pins: Pins::OPEN,
+            limits: LimitStatus::NONE,
+            current_limited: false,
+            pulse_valid: false,
+        }
+    }
+
     /// The duty cycle at the terminals.
     #[must_use]
     pub const fn duty(&self) -> Duty {

@@ -3,9 +3,9 @@
 //! Source: Talon SRX manual, 6, 8, 9, 17.5 to 17.8 and 18; order and decisions of `docs/talon-srx.md`.
 
 use super::command::{Command, SensorSelect, Setpoint};
-use super::output::ActiveLimits;
-use super::sensor::Measured;
+use super::output::unblocked;
 use super::settings::Settings;
+use super::snapshot::Snapshot;
 use super::throttle_law::{Input, ThrottleLaw};
 use crate::time::TICKS_PER_MS;
 use crate::units::{Duty, THROTTLE_FULL};
@@ -62,7 +62,7 @@ impl ThrottleDrive {
         }
     }
 
-    /// One tick of a running drive: the duty cycle, and the error of a closed loop. `master` is the duty
+    /// One tick of a running drive: the duty cycle; shows the error of a closed loop. `master` is the duty
     /// cycle to copy while following, nothing once its reports have stopped.
     pub(super) fn drive(
         &mut self,
@@ -70,17 +70,16 @@ impl ThrottleDrive {
         command: &Command,
         setpoint: Setpoint,
         master: Option<Duty>,
-        measured: &Measured,
-        limits: &mut ActiveLimits,
-    ) -> (Duty, i32) {
+        shown: &mut Snapshot,
+    ) -> Duty {
         let reverse = command.opts.reverse_motor;
         let (wanted, error) = match setpoint {
             Setpoint::Duty(duty) => (Some(duty.throttle()), 0),
             Setpoint::Position(target) => {
-                self.closed_loop(settings, command, target, measured.position)
+                self.closed_loop(settings, command, target, shown.position)
             }
             Setpoint::Velocity(target) => {
-                self.closed_loop(settings, command, target, measured.velocity)
+                self.closed_loop(settings, command, target, shown.velocity)
             }
             Setpoint::Follow(_) => {
                 let turned = |duty: Duty| {
@@ -99,21 +98,15 @@ impl ThrottleDrive {
             | Setpoint::Current(_)
             | Setpoint::Voltage(_) => (None, 0),
         };
+        shown.error = error;
+        shown.current_limited = false;
         let Some(wanted) = wanted else {
             self.reset();
-            return (Duty::ZERO, error);
+            return Duty::ZERO;
         };
-        let mut throttle = self.ramped(wanted, i32::from(command.opts.ramp));
-        if throttle > 0 && limits.forward.blocked {
-            limits.forward.refused = true;
-            throttle = 0;
-        }
-        if throttle < 0 && limits.reverse.blocked {
-            limits.reverse.refused = true;
-            throttle = 0;
-        }
-        self.applied = throttle;
-        (Duty::from_throttle(throttle), error)
+        let ramped = self.ramped(wanted, i32::from(command.opts.ramp));
+        self.applied = unblocked(ramped, &mut shown.limits);
+        Duty::from_throttle(self.applied)
     }
 
     /// The law's output and error, from the latest step.

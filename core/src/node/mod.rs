@@ -158,12 +158,11 @@ impl Node {
     /// A frame that is not the management channel's.
     fn drive_frame(&mut self, now: Instant, frame: &Frame, snapshot: &Snapshot) {
         let number = self.stored.number;
-        let drives = self.config.image == ImageType::Application;
-        if !drives || !self.dialect.accepts(number, frame.id()) {
-            self.counters.ignored = self.counters.ignored.wrapping_add(1);
-            return;
-        }
-        match self.dialect.decode(number, frame) {
+        let decoded = match self.config.image {
+            ImageType::Application => self.dialect.decode(number, frame),
+            _ => Decoded::Ignored,
+        };
+        match decoded {
             Decoded::Ignored => self.counters.ignored = self.counters.ignored.wrapping_add(1),
             Decoded::Done => {}
             Decoded::Intent(intent) => self.obey(now, intent),
@@ -184,13 +183,15 @@ impl Node {
             Intent::Prepare(setpoint, opts) => self.drive(setpoint, opts),
             Intent::Enable(permitted) => self.permit(permitted),
             Intent::MasterReport(duty) => {
-                self.command.master.duty = duty;
-                self.command.master.sequence = self.command.master.sequence.wrapping_add(1);
+                let master = &mut self.revise().master;
+                master.duty = duty;
+                master.sequence = master.sequence.wrapping_add(1);
             }
             Intent::SetPosition(of, counts) => self.set_position(of, counts),
             Intent::SetAccumulator(value) => {
-                let generation = self.command.set_accumulator.generation.wrapping_add(1);
-                self.command.set_accumulator = SetAccumulator { value, generation };
+                let order = &mut self.revise().set_accumulator;
+                let generation = order.generation.wrapping_add(1);
+                *order = SetAccumulator { value, generation };
             }
             Intent::Clear { position, sticky } => {
                 if position {
@@ -204,15 +205,22 @@ impl Node {
     }
 
     fn permit(&mut self, permitted: bool) {
-        let enable = &mut self.command.enable;
+        let enable = &mut self.revise().enable;
         enable.sequence = enable.sequence.wrapping_add(1);
         enable.withdrawn = !permitted;
     }
 
     fn drive(&mut self, setpoint: Setpoint, opts: DriveOpts) {
-        self.command.setpoint = setpoint;
-        self.command.opts = opts;
-        self.command.sequence = self.command.sequence.wrapping_add(1);
+        let command = self.revise();
+        command.setpoint = setpoint;
+        command.opts = opts;
+        command.sequence = command.sequence.wrapping_add(1);
+    }
+
+    /// The command, which is about to change: the only way to it.
+    fn revise(&mut self) -> &mut Command {
+        self.command.revision = self.command.revision.wrapping_add(1);
+        &mut self.command
     }
 
     /// The controller has become error passive or bus-off and has flushed its transmit queue.
@@ -351,6 +359,7 @@ impl Node {
         let view = View {
             number,
             params: &self.stored.params,
+            settings: &self.settings,
             snapshot,
             device: self.device(),
         };

@@ -3,7 +3,7 @@
 use super::Node;
 use crate::dialect::{Outcome, Request};
 use crate::engine::command::{PositionOf, SetPosition};
-use crate::engine::snapshot::{Fault, LimitStatus, Snapshot};
+use crate::engine::snapshot::{Fault, Snapshot};
 use crate::management::vendor::ParameterError;
 use crate::params::compile;
 use crate::params::table::{ParameterId, Storage};
@@ -22,7 +22,7 @@ impl Node {
         };
         let result = match (ParameterId::from_code(parameter), write) {
             (None, _) => Err(ParameterError::BadParameter),
-            (Some(id), None) => Ok(self.read(id, snapshot)),
+            (Some(id), None) => Ok(self.read(now, id, snapshot)),
             (Some(id), Some(value)) => self.write(now, id, value, snapshot),
         };
         Outcome { parameter, result }
@@ -40,7 +40,7 @@ impl Node {
         }
     }
 
-    fn read(&self, id: ParameterId, snapshot: &Snapshot) -> u32 {
+    fn read(&self, now: Instant, id: ParameterId, snapshot: &Snapshot) -> u32 {
         match (id, Self::counted_fault(id)) {
             (_, Some(fault)) => u32::from(self.faults.count(fault)),
             (ParameterId::EncoderPosition, _) => snapshot.position as u32,
@@ -53,6 +53,7 @@ impl Node {
             (ParameterId::ResetCount, _) => self.config.reset.count,
             (ParameterId::FramesDropped, _) => self.counters.dropped,
             (ParameterId::TransmissionsFailed, _) => self.counters.given_up,
+            (ParameterId::Leds, _) => self.leds(now, snapshot).to_bits(),
             _ => self.stored.params.get(id),
         }
     }
@@ -78,9 +79,10 @@ impl Node {
             | ParameterId::ResetPlace
             | ParameterId::ResetCount
             | ParameterId::FramesDropped
-            | ParameterId::TransmissionsFailed => return Ok(self.read(id, snapshot)),
+            | ParameterId::TransmissionsFailed
+            | ParameterId::Leds => return Ok(self.read(now, id, snapshot)),
             ParameterId::StickyFaults => {
-                let before = self.read(id, snapshot);
+                let before = self.read(now, id, snapshot);
                 if value != 0 && before != 0 {
                     self.faults.clear_sticky();
                     self.faults_changed(now);
@@ -90,7 +92,7 @@ impl Node {
             _ => {}
         }
         if let Some(fault) = Self::counted_fault(id) {
-            let before = self.read(id, snapshot);
+            let before = self.read(now, id, snapshot);
             if value != 0 && before != 0 {
                 self.faults.clear_count(fault);
                 self.faults_changed(now);
@@ -102,7 +104,8 @@ impl Node {
                 if changed {
                     self.parameter_changed(now, id);
                     if pauses(id) {
-                        self.command.pause = self.command.pause.wrapping_add(1);
+                        let command = self.revise();
+                        command.pause = command.pause.wrapping_add(1);
                     }
                 }
                 Ok(value)
@@ -113,28 +116,21 @@ impl Node {
 
     /// Orders the engine to overwrite a position.
     pub(super) fn set_position(&mut self, of: PositionOf, counts: i32) {
-        self.command.set_position = SetPosition {
+        let order = &mut self.revise().set_position;
+        let generation = order.generation.wrapping_add(1);
+        *order = SetPosition {
             of,
             counts,
-            generation: self.command.set_position.generation.wrapping_add(1),
+            generation,
         };
     }
 
     /// Keeps the faults and limits that are present as sticky ones, where the policy says so.
     pub(super) fn observe_presence(&mut self, now: Instant, snapshot: &Snapshot) {
-        let switch = |limit: &LimitStatus| limit.switch_hit && !limit.switch_disabled;
-        let (forward, reverse) = (&snapshot.forward, &snapshot.reverse);
-        let present = [
-            switch(forward),
-            switch(reverse),
-            forward.soft_hit,
-            reverse.soft_hit,
-        ];
-        let bits = (0..)
-            .zip(present)
-            .fold(0, |bits, (at, limit)| bits | u32::from(limit) << at);
+        let limits = &snapshot.limits;
+        let present = limits.tripped().bits() | limits.soft_hit.bits() << 2;
         let before = self.stored.params.get(ParameterId::StickyLimits);
-        let new_limits = self.keep_limits(before | bits);
+        let new_limits = self.keep_limits(before | u32::from(present));
         if self.faults.keep(snapshot.faults) || new_limits {
             self.faults_changed(now);
         }

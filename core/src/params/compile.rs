@@ -3,6 +3,7 @@
 use super::Params;
 use super::table::ParameterId as P;
 use crate::engine::command::Neutral;
+use crate::engine::limit::Directions;
 use crate::engine::pidf::Gains;
 use crate::engine::settings::{
     Board, CurrentLimit, Derating, IndexSettings, LimitSettings, Policy, Settings, SlotSettings,
@@ -96,8 +97,6 @@ fn throttle_slot(params: &Params, ids: &ThrottleSlotIds) -> ThrottleGains {
 /// Everything the tick needs, from the parameters, the board and the driving dialect's policy.
 #[must_use]
 pub fn settings(params: &Params, board: &Board, policy: &Policy) -> Settings {
-    let forward_threshold = begin(policy, params.signed(P::SoftForwardThreshold), 1);
-    let reverse_threshold = begin(policy, params.signed(P::SoftReverseThreshold), -1);
     Settings {
         policy: *policy,
         slots: [slot(params, &SLOT_0), slot(params, &SLOT_1)],
@@ -106,20 +105,7 @@ pub fn settings(params: &Params, board: &Board, policy: &Policy) -> Settings {
             throttle_slot(params, &THROTTLE_SLOT_1),
         ],
         current_limit: current_limit(params),
-        forward: LimitSettings {
-            normally_closed: params.flag(P::ForwardLimitNormallyClosed),
-            switch_disabled: params.flag(P::ForwardLimitDisabled),
-            soft_enabled: params.flag(P::SoftForwardEnable) && forward_threshold.is_some(),
-            soft_threshold: forward_threshold.unwrap_or(i32::MAX),
-            clears_position: params.flag(P::ClearPositionOnForwardLimit),
-        },
-        reverse: LimitSettings {
-            normally_closed: params.flag(P::ReverseLimitNormallyClosed),
-            switch_disabled: params.flag(P::ReverseLimitDisabled),
-            soft_enabled: params.flag(P::SoftReverseEnable) && reverse_threshold.is_some(),
-            soft_threshold: reverse_threshold.unwrap_or(i32::MIN),
-            clears_position: params.flag(P::ClearPositionOnReverseLimit),
-        },
+        limits: limits(params, policy),
         index: IndexSettings {
             clears_position: params.flag(P::ClearPositionOnIndex),
             rising: params.flag(P::IndexActiveEdge),
@@ -134,6 +120,24 @@ pub fn settings(params: &Params, board: &Board, policy: &Policy) -> Settings {
             thresholds: thresholds(&board.thresholds, policy),
             ..*board
         },
+    }
+}
+
+fn limits(params: &Params, policy: &Policy) -> LimitSettings {
+    let forward = begin(policy, params.signed(P::SoftForwardThreshold), 1);
+    let reverse = begin(policy, params.signed(P::SoftReverseThreshold), -1);
+    let both = |forward, reverse| Directions::new(params.flag(forward), params.flag(reverse));
+    LimitSettings {
+        normally_closed: both(P::ForwardLimitNormallyClosed, P::ReverseLimitNormallyClosed),
+        switch_disabled: both(P::ForwardLimitDisabled, P::ReverseLimitDisabled),
+        soft_enabled: both(P::SoftForwardEnable, P::SoftReverseEnable)
+            .intersection(Directions::new(forward.is_some(), reverse.is_some())),
+        clears_position: both(
+            P::ClearPositionOnForwardLimit,
+            P::ClearPositionOnReverseLimit,
+        ),
+        forward_threshold: forward.unwrap_or(i32::MAX),
+        reverse_threshold: reverse.unwrap_or(i32::MIN),
     }
 }
 

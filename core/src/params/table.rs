@@ -235,7 +235,7 @@ parameters! {
     /// Neutral brakes (else it coasts); the brake/coast button toggles it.
     BrakeAtNeutral = 129, "paramBrakeAtNeutral", Flag, 1, Persistent, "";
     /// Why the controller started, a code of [`ResetCause`](crate::reset::ResetCause); writing has no effect,
-    /// as for the next five.
+    /// as for the next seven.
     ResetCause = 130, "paramResetCause", Computed, 0, Live, "";
     /// What is known of the stored settings, see [`SettingsState`](crate::params::SettingsState); writing
     /// has no effect.
@@ -250,6 +250,8 @@ parameters! {
     ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
     /// Transmissions that were given up since the start.
     TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
+    /// What the LEDs show at this moment, see [`Leds::to_bits`](crate::led::Leds::to_bits).
+    Leds = 137, "paramLeds", Computed, 0, Live, "";
     /// Slot 0 of the law in throttle units: proportional gain.
     ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: integral gain.

@@ -13,11 +13,11 @@ use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
 use windlass_core::dialect::{Decoded, Device, Dialect, View};
 use windlass_core::engine::command::Command;
 use windlass_core::engine::pidf::{Gains, Pidf, Unit};
-use windlass_core::engine::snapshot::{Sample, Snapshot};
-use windlass_core::engine::{Engine, Settings};
+use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
+use windlass_core::engine::{Board, Engine, Settings};
 use windlass_core::frame::Frame;
 use windlass_core::node::{Node, NodeConfig};
-use windlass_core::params::{Params, Stored};
+use windlass_core::params::{Params, Stored, compile};
 use windlass_core::time::{Instant, TICK};
 use windlass_firmware::exercise::Exercise;
 
@@ -38,26 +38,22 @@ fn measured_tick(
     settings: &Settings,
     sample: &Sample,
     command: &Command,
-) -> Snapshot {
-    engine.tick(settings, sample, command)
+) -> Actuation {
+    engine.tick(settings, sample, command).actuation
 }
 
 #[unsafe(no_mangle)]
 #[inline(never)]
-fn measured_control_decode(dialect: &mut Dmc60c, frame: &Frame) -> Option<Decoded> {
-    dialect
-        .accepts(NUMBER, frame.id())
-        .then(|| dialect.decode(NUMBER, frame))
+fn measured_control_decode(dialect: &mut Dmc60c, frame: &Frame) -> Decoded {
+    dialect.decode(NUMBER, frame)
 }
 
 // A section of its own, or the linker would fold it into its twin above.
 #[unsafe(no_mangle)]
 #[unsafe(link_section = ".text.measured_foreign_decode")]
 #[inline(never)]
-fn measured_foreign_decode(dialect: &mut Dmc60c, frame: &Frame) -> Option<Decoded> {
-    dialect
-        .accepts(NUMBER, frame.id())
-        .then(|| dialect.decode(NUMBER, frame))
+fn measured_foreign_decode(dialect: &mut Dmc60c, frame: &Frame) -> Decoded {
+    dialect.decode(NUMBER, frame)
 }
 
 #[unsafe(no_mangle)]
@@ -102,17 +98,17 @@ fn main() -> ! {
 fn engine() -> Snapshot {
     let mut engine = Engine::new();
     let mut exercise = Exercise::new(1);
-    let mut snapshot = Snapshot::default();
+    let mut actuation = Actuation::Off;
     for _ in 0..TICKS {
-        exercise.advance(snapshot.actuation);
-        snapshot = measured_tick(
+        exercise.advance(actuation);
+        actuation = measured_tick(
             &mut engine,
             &exercise.settings,
             &exercise.sample,
             &exercise.command,
         );
     }
-    snapshot
+    *engine.tick(&exercise.settings, &exercise.sample, &exercise.command)
 }
 
 /// The law with every gain, inside and outside its dead band and its accumulator's limit.
@@ -158,9 +154,11 @@ fn foreign(at: u32) -> Frame {
 fn dialect(snapshot: &Snapshot) {
     let mut dialect = Dmc60c::default();
     let params = Params::default();
+    let settings = compile::settings(&params, &Board::REFERENCE, &Dmc60c::POLICY);
     let view = View {
         number: NUMBER,
         params: &params,
+        settings: &settings,
         snapshot,
         device: Device::default(),
     };

@@ -7,7 +7,7 @@ use static_cell::StaticCell;
 use stm32_metapac::Interrupt;
 use windlass_core::bridge;
 use windlass_core::engine;
-use windlass_core::engine::snapshot::{Actuation, Sample};
+use windlass_core::engine::snapshot::{self, Actuation, Sample};
 use windlass_core::led::{Colour, Leds};
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::Handover;
@@ -201,7 +201,7 @@ impl Tick {
             pins,
             index_rising: self.position.index(rising),
             index_falling: self.position.index(falling),
-            encoder_a_rises: self.rises.follow(pins.encoder_a),
+            encoder_a_rises: self.rises.follow(pins.is_high(snapshot::Pin::EncoderA)),
             current: analog.current,
             bus_voltage: analog.bus_voltage,
             temperature: analog.temperature,

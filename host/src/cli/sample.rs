@@ -5,14 +5,17 @@ use std::time::Duration;
 use serde_json::{Value as Json, json};
 use windlass_core::dialect::dmc60c::wire::StatusGeneral;
 use windlass_core::engine::snapshot::Fault;
+use windlass_core::led::{Colour, Leds};
 
-use crate::client::{ClosedLoopError, Status, fault_name, mode_name};
+use crate::client::{ClosedLoopError, Status, fault_name, leds_text, mode_name};
 
 /// The latest status of one device at a moment.
 pub(super) struct Sample<'a> {
     pub(super) number: u8,
     pub(super) status: &'a Status,
     pub(super) now: Duration,
+    /// What its LEDs show, if they were asked for.
+    pub(super) leds: Option<Leds>,
 }
 
 impl Sample<'_> {
@@ -38,6 +41,10 @@ impl Sample<'_> {
             ));
         }
         parts.extend(self.remarks());
+        parts.extend(
+            self.leds
+                .map(|leds| format!("LEDs {}", leds_text(Some(leds)))),
+        );
         parts.join("  ")
     }
 
@@ -58,9 +65,10 @@ impl Sample<'_> {
             "temp_c": self.status.temperature(),
             "analog_v": self.status.analog_in(),
             "current_limited": general.map(|general| general.current_limited),
-            "forward_limit": general.map(|general| general.forward.hit),
-            "reverse_limit": general.map(|general| general.reverse.hit),
+            "forward_limit": general.map(|general| general.limit_hit.forward()),
+            "reverse_limit": general.map(|general| general.limit_hit.reverse()),
             "faults": general.map(|general| active_faults(&general)),
+            "leds": self.leds.map(leds_document),
             "stale": self.status.is_stale(self.now),
         })
     }
@@ -70,10 +78,10 @@ impl Sample<'_> {
         let mut remarks = Vec::new();
         if let Some(general) = self.status.general.map(|live| live.value) {
             let limits = [
-                (general.forward.hit, "forward limit"),
-                (general.reverse.hit, "reverse limit"),
-                (general.soft_forward_hit, "soft forward limit"),
-                (general.soft_reverse_hit, "soft reverse limit"),
+                (general.limit_hit.forward(), "forward limit"),
+                (general.limit_hit.reverse(), "reverse limit"),
+                (general.soft_hit.forward(), "soft forward limit"),
+                (general.soft_hit.reverse(), "soft reverse limit"),
                 (general.current_limited, "current limited"),
             ];
             let named = limits.into_iter().filter(|(hit, _)| *hit);
@@ -87,15 +95,18 @@ impl Sample<'_> {
     }
 }
 
+/// LEDs as the bench's API shows them.
+pub(super) fn leds_document(leds: Leds) -> Json {
+    let ring = leds.ring.map(Colour::name);
+    json!({"ring": ring, "brake": leds.brake.name()})
+}
+
 /// The active faults that the general status frame carries, by their names in the guide.
 fn active_faults(general: &StatusGeneral) -> Vec<&'static str> {
-    let faults = [
-        (general.over_temperature, Fault::OverTemperature),
-        (general.under_voltage, Fault::UnderVoltage),
-        (general.gate_driver, Fault::GateDriver),
-    ];
-    let active = faults.into_iter().filter(|(active, _)| *active);
-    active.map(|(_, fault)| fault_name(fault)).collect()
+    let active = Fault::ALL
+        .into_iter()
+        .filter(|fault| general.faults.contains(*fault));
+    active.map(fault_name).collect()
 }
 
 fn error_text(error: ClosedLoopError) -> Option<String> {

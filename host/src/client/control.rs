@@ -1,6 +1,8 @@
 //! Control frames from engineering units.
 
 use windlass_core::dialect::dmc60c::wire::{Control0, ModeSelect};
+use windlass_core::engine::command::LimitOverride;
+use windlass_core::engine::limit::Directions;
 use windlass_core::field::{I24_MAX, I24_MIN};
 use windlass_core::management::wire::MAX_DEVICE_NUMBER;
 
@@ -172,9 +174,10 @@ impl Drive {
     /// Replaces the stored enable states of the limit switches; true disables a switch.
     #[must_use]
     pub const fn override_limits(mut self, disable_forward: bool, disable_reverse: bool) -> Self {
-        self.control.override_limits = true;
-        self.control.disable_forward_limit = disable_forward;
-        self.control.disable_reverse_limit = disable_reverse;
+        self.control.limits = LimitOverride {
+            enabled: true,
+            disabled: Directions::new(disable_forward, disable_reverse),
+        };
         self
     }
 
@@ -244,6 +247,6 @@ mod tests {
         assert_eq!(parsed, control.frame());
         assert!(parsed.slot_1 && parsed.override_neutral && !parsed.brake);
         assert!(parsed.reverse_sensor && !parsed.reverse_motor);
-        assert!(parsed.override_limits && parsed.disable_forward_limit);
+        assert!(parsed.limits.enabled && parsed.limits.disabled == Directions::FORWARD);
     }
 }

@@ -8,18 +8,17 @@ pub mod wire;
 #[cfg(test)]
 mod tests;
 
-use embedded_can::Id;
 use wire::{
-    Control0, ModeSelect, StatusAnalog, StatusEncoder, StatusGeneral, SwitchFlags, id,
+    Control0, ModeSelect, StatusAnalog, StatusEncoder, StatusGeneral, id,
 };
 
 use super::schedule::{Periodic, earlier};
 use super::{Bad, Decoded, Dialect, Intent, Outcome, Outgoing, View};
-use crate::engine::command::{DriveOpts, LimitOverride, Neutral, Setpoint, Slot};
+use crate::engine::command::{DriveOpts, Neutral, Setpoint, Slot};
 use crate::engine::settings::{Policy, Resume};
-use crate::engine::snapshot::{Fault, LimitStatus, Mode};
+use crate::engine::snapshot::{Mode, Pin};
 use crate::field::{I24_MAX, I24_MIN, divide_on_overflow, saturate_i16};
-use crate::frame::Frame;
+use crate::frame::{ExtendedMatch, Frame};
 use crate::frc_id::{NUMBER_MASK, with_number};
 use crate::params::Params;
 use crate::params::table::ParameterId;
@@ -29,20 +28,17 @@ use crate::units::{Amps, Duty, Volts};
 /// What the dialect remembers.
 #[derive(Clone, Debug)]
 pub struct Dmc60c {
-    /// Identifier of the followed controller's general status, or [`NOBODY`].
-    master: u32,
+    /// The followed controller's general status.
+    master: ExtendedMatch,
     general: Periodic,
     encoder: Periodic,
     analog: Periodic,
 }
 
-/// An identifier that no frame has.
-const NOBODY: u32 = u32::MAX;
-
 impl Default for Dmc60c {
     fn default() -> Self {
         Self {
-            master: NOBODY,
+            master: ExtendedMatch::NONE,
             general: Periodic::default(),
             encoder: Periodic::default(),
             analog: Periodic::default(),
@@ -64,33 +60,12 @@ impl Dialect for Dmc60c {
     };
 
     #[inline]
-    fn accepts(&self, own: u8, id: Id) -> bool {
-        let Id::Extended(id) = id else { return false };
-        let id = id.as_raw();
-        id == with_number(id::CONTROL_0, own) || id == self.master
-    }
-
     fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
-        if frame.is_remote() {
-            return Decoded::Bad(Bad::Remote);
-        }
-        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
-        if id == with_number(id::CONTROL_0, own) {
-            let Some(control) = Control0::parse(frame) else { return Decoded::Bad(Bad::Length) };
-            let setpoint = setpoint(&control);
-            self.master = match setpoint {
-                Setpoint::Follow(master) => with_number(id::STATUS_GENERAL, master),
-                _ => NOBODY,
-            };
-            return Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)));
-        }
-        if id != self.master {
+        let control = ExtendedMatch::new(with_number(id::CONTROL_0, own));
+        if !frame.is(control) && !frame.is(self.master) {
             return Decoded::Ignored;
         }
-        match StatusGeneral::parse(frame) {
-            Some(status) => Decoded::Intent(Intent::MasterReport(Duty::new(status.duty))),
-            None => Decoded::Bad(Bad::Length),
-        }
+        self.read(frame)
     }
 
     /// Parameters are the management channel's; this dialect asks nothing.
@@ -125,6 +100,30 @@ impl Dialect for Dmc60c {
     }
 }
 
+impl Dmc60c {
+    /// A general status frame of the followed controller, or else a control frame for this device.
+    fn read(&mut self, frame: &Frame) -> Decoded {
+        if frame.is(self.master) {
+            let Some(status) = StatusGeneral::parse(frame) else { return refused(frame) };
+            return Decoded::Intent(Intent::MasterReport(Duty::new(status.duty)));
+        }
+        let Some(control) = Control0::parse(frame) else { return refused(frame) };
+        let setpoint = setpoint(&control);
+        self.master = match setpoint {
+            Setpoint::Follow(master) => {
+                ExtendedMatch::new(with_number(id::STATUS_GENERAL, master))
+            }
+            _ => ExtendedMatch::NONE,
+        };
+        Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)))
+    }
+}
+
+/// Why a frame could not be read.
+const fn refused(frame: &Frame) -> Decoded {
+    Decoded::Bad(if frame.is_remote() { Bad::Remote } else { Bad::Length })
+}
+
 fn period(params: &Params, id: ParameterId) -> Duration {
     Duration::from_millis(params.get(id))
 }
@@ -149,11 +148,7 @@ fn drive_opts(control: &Control0) -> DriveOpts {
     DriveOpts {
         slot: if control.slot_1 { Slot::One } else { Slot::Zero },
         neutral: control.override_neutral.then_some(neutral),
-        limits: LimitOverride {
-            enabled: control.override_limits,
-            disable_forward: control.disable_forward_limit,
-            disable_reverse: control.disable_reverse_limit,
-        },
+        limits: control.limits,
         reverse_sensor: control.reverse_sensor,
         reverse_motor: control.reverse_motor,
         ramp: control.ramp,
@@ -164,47 +159,23 @@ fn drive_opts(control: &Control0) -> DriveOpts {
 /// `STSGENERAL` of the present state.
 #[must_use]
 pub fn status_general(view: &View<'_>) -> StatusGeneral {
-    let (snapshot, params) = (view.snapshot, view.params);
-    let limits = snapshot.opts.limits;
+    let (snapshot, limits) = (view.snapshot, &view.settings.limits);
     let (error, error_divided) = error_field(snapshot.mode, snapshot.error);
     StatusGeneral {
         duty: snapshot.duty().units(),
-        forward: switch_flags(
-            snapshot.pins.forward_limit,
-            &snapshot.forward,
-            params.flag(ParameterId::ForwardLimitDisabled),
-            params.flag(ParameterId::ForwardLimitNormallyClosed),
-        ),
-        reverse: switch_flags(
-            snapshot.pins.reverse_limit,
-            &snapshot.reverse,
-            params.flag(ParameterId::ReverseLimitDisabled),
-            params.flag(ParameterId::ReverseLimitNormallyClosed),
-        ),
-        limit_override: limits.enabled,
-        forward_disable_override: limits.disable_forward,
-        reverse_disable_override: limits.disable_reverse,
-        soft_forward_hit: snapshot.forward.soft_hit,
-        soft_forward_enabled: params.flag(ParameterId::SoftForwardEnable),
-        soft_reverse_hit: snapshot.reverse.soft_hit,
-        soft_reverse_enabled: params.flag(ParameterId::SoftReverseEnable),
+        limit_pins: snapshot.pins.limits(),
+        limit_hit: snapshot.limits.switch_hit,
+        limit_disabled: limits.switch_disabled,
+        limit_normally_closed: limits.normally_closed,
+        limit_override: snapshot.opts.limits,
+        soft_hit: snapshot.limits.soft_hit,
+        soft_enabled: limits.soft_enabled,
         current_limited: snapshot.current_limited,
-        over_temperature: snapshot.faults.contains(Fault::OverTemperature),
-        under_voltage: snapshot.faults.contains(Fault::UnderVoltage),
-        gate_driver: snapshot.faults.contains(Fault::GateDriver),
+        faults: snapshot.faults,
         mode: mode_select(snapshot.mode),
         error_divided,
         error,
     }
-}
-
-fn switch_flags(
-    pin: bool,
-    status: &LimitStatus,
-    disabled: bool,
-    normally_closed: bool,
-) -> SwitchFlags {
-    SwitchFlags { pin, hit: status.switch_hit, disabled, normally_closed }
 }
 
 const fn mode_select(mode: Mode) -> ModeSelect {
@@ -243,9 +214,9 @@ pub fn status_encoder(view: &View<'_>) -> StatusEncoder {
         position_divided,
         velocity: saturate_i16(velocity),
         velocity_divided,
-        pin_a: snapshot.pins.encoder_a,
-        pin_b: snapshot.pins.encoder_b,
-        pin_index: snapshot.pins.encoder_index,
+        pin_a: snapshot.pins.is_high(Pin::EncoderA),
+        pin_b: snapshot.pins.is_high(Pin::EncoderB),
+        pin_index: snapshot.pins.is_high(Pin::EncoderIndex),
     }
 }
 

@@ -4,11 +4,19 @@
 use super::wire::*;
 use super::*;
 use crate::frc_id::base;
-use crate::engine::snapshot::{Actuation, Pins, Snapshot};
+use crate::engine::command::LimitOverride;
+use crate::engine::limit::Directions;
+use crate::engine::snapshot::{Actuation, Fault, LimitStatus, Pins, Snapshot};
+use crate::engine::{Board, Settings};
+use crate::params::compile;
 use proptest::prelude::*;
 
-fn view<'a>(params: &'a Params, snapshot: &'a Snapshot) -> View<'a> {
-    View { number: 5, params, snapshot, device: crate::dialect::Device::default() }
+fn view<'a>(params: &'a Params, settings: &'a Settings, snapshot: &'a Snapshot) -> View<'a> {
+    View { number: 5, params, settings, snapshot, device: crate::dialect::Device::default() }
+}
+
+fn settings(params: &Params) -> Settings {
+    compile::settings(params, &Board::REFERENCE, &Dmc60c::POLICY)
 }
 
 #[test]
@@ -21,9 +29,7 @@ fn control_frame_bytes_are_those_of_the_guide() {
         slot_1: true,
         reverse_sensor: true,
         reverse_motor: true,
-        disable_forward_limit: true,
-        disable_reverse_limit: false,
-        override_limits: true,
+        limits: LimitOverride { enabled: true, disabled: Directions::FORWARD },
         target: 0x12_34_56,
         ramp: 0xABCD,
     };
@@ -84,13 +90,13 @@ fn wrong_lengths_and_remote_frames_are_refused() {
 
 #[test]
 fn i5_frames_for_other_devices_are_not_accepted() {
-    let dialect = Dmc60c::default();
+    let mut dialect = Dmc60c::default();
     for number in (0..64).filter(|number| *number != 5) {
-        assert!(!dialect.accepts(5, Control0::default().emit(number).id()));
+        assert_eq!(dialect.decode(5, &Control0::default().emit(number)), Decoded::Ignored);
     }
     let eleven_bit = Frame::standard(0x005, [0; 8]);
-    assert!(!dialect.accepts(5, eleven_bit.id()));
-    assert!(!dialect.accepts(5, Frame::extended(0x0205_0005, [0; 8]).id()));
+    assert_eq!(dialect.decode(5, &eleven_bit), Decoded::Ignored);
+    assert_eq!(dialect.decode(5, &Frame::extended(0x0205_0005, [0; 8])), Decoded::Ignored);
 }
 
 #[test]
@@ -100,14 +106,13 @@ fn only_the_master_s_general_status_is_followed() {
     dialect.decode(5, &follow.emit(5));
     let params = Params::new();
     let snapshot = Snapshot { actuation: Actuation::Drive(Duty::new(-77)), ..Snapshot::default() };
-    let report = status_general(&view(&params, &snapshot));
-    assert!(dialect.accepts(5, report.emit(9).id()));
-    assert!(!dialect.accepts(5, report.emit(8).id()));
+    let report = status_general(&view(&params, &settings(&params), &snapshot));
+    assert_eq!(dialect.decode(5, &report.emit(8)), Decoded::Ignored);
     let decoded = dialect.decode(5, &report.emit(9));
     assert_eq!(decoded, Decoded::Intent(Intent::MasterReport(Duty::new(-77))));
     assert_eq!(dialect.decode(5, &report.emit(9).shortened(7)), Decoded::Bad(Bad::Length));
     dialect.decode(5, &Control0::default().emit(5));
-    assert!(!dialect.accepts(5, report.emit(9).id()), "no longer following");
+    assert_eq!(dialect.decode(5, &report.emit(9)), Decoded::Ignored, "no longer following");
 }
 
 #[test]
@@ -121,17 +126,20 @@ fn general_status_bits_stand_where_the_guide_puts_them() {
         actuation: Actuation::Drive(Duty::new(0x0102)),
         error: -2,
         opts: DriveOpts {
-            limits: LimitOverride { enabled: true, disable_forward: false, disable_reverse: true },
+            limits: LimitOverride { enabled: true, disabled: Directions::REVERSE },
             ..DriveOpts::default()
         },
-        forward: LimitStatus { switch_hit: true, ..LimitStatus::default() },
-        reverse: LimitStatus { soft_hit: true, ..LimitStatus::default() },
+        limits: LimitStatus {
+            switch_hit: Directions::FORWARD,
+            soft_hit: Directions::REVERSE,
+            ..LimitStatus::NONE
+        },
         current_limited: true,
         faults: crate::engine::snapshot::Faults::NONE.with(Fault::UnderVoltage),
-        pins: Pins { forward_limit: true, reverse_limit: false, ..Pins::default() },
+        pins: Pins::default().with(Pin::ReverseLimit, false),
         ..Snapshot::default()
     };
-    let frame = status_general(&view(&params, &snapshot)).emit(5);
+    let frame = status_general(&view(&params, &settings(&params), &snapshot)).emit(5);
     assert_eq!(frame.extended_id(), Some(0x0206_1405));
     let fs0 = 0b0100_1011; // reverse: disabled; forward: pin high, hit, normally closed
     let fs1 = 0b1011_0101; // limited, soft reverse hit, soft forward enabled, reverse override, override
@@ -164,7 +172,7 @@ fn encoder_status_divides_at_its_limits() {
     let params = Params::new();
     let at = |position, velocity| {
         let snapshot = Snapshot { position, velocity, ..Snapshot::default() };
-        status_encoder(&view(&params, &snapshot))
+        status_encoder(&view(&params, &settings(&params), &snapshot))
     };
     let below = at(I24_MAX, 32767);
     assert_eq!((below.position_divided, below.velocity_divided), (false, false));
@@ -207,7 +215,7 @@ fn analog_status_is_8_8_little_endian_and_saturates() {
         bus_voltage: Volts::from_num(12),
         ..Snapshot::default()
     };
-    let frame = status_analog(&view(&params, &snapshot)).emit(5);
+    let frame = status_analog(&view(&params, &settings(&params), &snapshot)).emit(5);
     assert_eq!(frame.extended_id(), Some(0x0206_14C5));
     assert_eq!(frame.data(), [0x80, 0x01, 0xC0, 0xFD, 0xFF, 0x7F, 0x00, 0x0C]);
 }
@@ -221,7 +229,7 @@ fn status_frames_start_one_period_after_the_bus_and_keep_their_rhythm() {
     dialect.start(Instant::ZERO, &params);
     for millis in 0..=1000 {
         let now = Instant::ZERO + Duration::from_millis(millis);
-        while let Some(Outgoing::Status(frame)) = dialect.encode(now, &view(&params, &snapshot)) {
+        while let Some(Outgoing::Status(frame)) = dialect.encode(now, &view(&params, &settings(&params), &snapshot)) {
             assert!(millis >= 10);
             let kind = match base(frame.raw_id()) {
                 id::STATUS_GENERAL => 0,
@@ -268,7 +276,6 @@ proptest! {
     fn i1_no_frame_panics_the_decoder(frames in proptest::collection::vec(any_frame(), 1..20), own in 0..64_u8) {
         let mut dialect = Dmc60c::default();
         for frame in frames {
-            let _ = dialect.accepts(own, frame.id());
             let _ = dialect.decode(own, &frame);
         }
     }

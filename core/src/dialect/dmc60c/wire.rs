@@ -7,6 +7,9 @@
 //! one length gate and gives `None` for anything else; reserved bits are ignored when parsed and zero
 //! when emitted. `identifier` arguments are complete identifiers including the device number.
 
+use crate::engine::command::LimitOverride;
+use crate::engine::limit::Directions;
+use crate::engine::snapshot::{Fault, Faults};
 use crate::field::{bit, flag, i24};
 use crate::frame::Frame;
 use crate::frc_id::with_number;
@@ -91,12 +94,8 @@ pub struct Control0 {
     pub reverse_sensor: bool,
     /// `fRevMotor`.
     pub reverse_motor: bool,
-    /// `fDisableFwdLimit`.
-    pub disable_forward_limit: bool,
-    /// `fDisableRevLimit`.
-    pub disable_reverse_limit: bool,
-    /// `fEnableLimitOverride`.
-    pub override_limits: bool,
+    /// `fEnableLimitOverride`, `fDisableFwdLimit` and `fDisableRevLimit`.
+    pub limits: LimitOverride,
     /// `trgtH` (byte 3), `trgtM` (byte 5), `trgtL` (byte 4) as a signed 24-bit number.
     pub target: i32,
     /// `vltgRampSet`: throttle units per tick, 0 = at once.
@@ -113,9 +112,7 @@ impl Default for Control0 {
             slot_1: false,
             reverse_sensor: false,
             reverse_motor: false,
-            disable_forward_limit: false,
-            disable_reverse_limit: false,
-            override_limits: false,
+            limits: LimitOverride::NONE,
             target: 0,
             ramp: 0,
         }
@@ -134,9 +131,10 @@ impl Control0 {
             slot_1: bit(fs0, 6),
             reverse_sensor: bit(fs0, 7),
             reverse_motor: bit(fs1, 0),
-            disable_forward_limit: bit(fs1, 1),
-            disable_reverse_limit: bit(fs1, 2),
-            override_limits: bit(fs1, 3),
+            limits: LimitOverride {
+                enabled: bit(fs1, 3),
+                disabled: Directions::from_bits(fs1 >> 1),
+            },
             target: i24(high, middle, low),
             ramp: u16::from_le_bytes([ramp_low, ramp_high]),
         })
@@ -151,9 +149,8 @@ impl Control0 {
             | flag(self.slot_1, 6)
             | flag(self.reverse_sensor, 7);
         let fs1 = flag(self.reverse_motor, 0)
-            | flag(self.disable_forward_limit, 1)
-            | flag(self.disable_reverse_limit, 2)
-            | flag(self.override_limits, 3);
+            | self.limits.disabled.bits() << 1
+            | flag(self.limits.enabled, 3);
         let [low, middle, high, _] = self.target.to_le_bytes();
         let [ramp_low, ramp_high] = self.ramp.to_le_bytes();
         Frame::extended(
@@ -163,68 +160,49 @@ impl Control0 {
     }
 }
 
-/// The four flags that `STSGENERAL` has for each limit switch.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SwitchFlags {
-    /// The pin reads high.
-    pub pin: bool,
-    /// The switch is in its active state.
-    pub hit: bool,
-    /// The switch is disabled by its parameter.
-    pub disabled: bool,
-    /// The switch is normally closed.
-    pub normally_closed: bool,
+/// Two flags `distance` bits apart: forward in bit `at`, reverse above it.
+const fn spread(set: Directions, at: u8, distance: u8) -> u8 {
+    let bits = set.bits();
+    ((bits & 1) | (bits >> 1) << distance) << at
 }
 
-impl SwitchFlags {
-    const fn parse(nibble: u8) -> Self {
-        Self {
-            pin: bit(nibble, 0),
-            hit: bit(nibble, 1),
-            disabled: bit(nibble, 2),
-            normally_closed: bit(nibble, 3),
-        }
-    }
-
-    const fn emit(self) -> u8 {
-        flag(self.pin, 0)
-            | flag(self.hit, 1)
-            | flag(self.disabled, 2)
-            | flag(self.normally_closed, 3)
-    }
+/// What [`spread`] made.
+const fn gathered(byte: u8, at: u8, distance: u8) -> Directions {
+    Directions::new(bit(byte, at), bit(byte, at + distance))
 }
+
+/// `fOverTemp`, `fUnderVoltage` and `fGateDriver` of `STSGENERAL`: three neighbours of `paramActiveFaults`, in
+/// the same order.
+const STATUS_FAULTS: u8 = 0x07;
+const STATUS_FAULTS_SHIFT: u8 = Fault::OverTemperature as u8;
+const _: () = assert!(
+    Fault::UnderVoltage as u8 == STATUS_FAULTS_SHIFT + 1
+        && Fault::GateDriver as u8 == STATUS_FAULTS_SHIFT + 2
+);
 
 /// `STSGENERAL`, the general status frame (8 bytes).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StatusGeneral {
     /// `dtcApplied` in throttle units.
     pub duty: i16,
-    /// Forward limit switch.
-    pub forward: SwitchFlags,
-    /// Reverse limit switch.
-    pub reverse: SwitchFlags,
-    /// Limit override in force.
-    pub limit_override: bool,
-    /// Forward switch disabled by the control frame.
-    pub forward_disable_override: bool,
-    /// Reverse switch disabled by the control frame.
-    pub reverse_disable_override: bool,
-    /// Forward soft limit reached.
-    pub soft_forward_hit: bool,
-    /// Forward soft limit enabled.
-    pub soft_forward_enabled: bool,
-    /// Reverse soft limit reached.
-    pub soft_reverse_hit: bool,
-    /// Reverse soft limit enabled.
-    pub soft_reverse_enabled: bool,
+    /// Limit switch inputs that read high.
+    pub limit_pins: Directions,
+    /// Limit switches in their active state.
+    pub limit_hit: Directions,
+    /// Limit switches disabled by their parameter.
+    pub limit_disabled: Directions,
+    /// Limit switches that are normally closed.
+    pub limit_normally_closed: Directions,
+    /// Limit override of the control frame.
+    pub limit_override: LimitOverride,
+    /// Soft limits reached.
+    pub soft_hit: Directions,
+    /// Soft limits enabled.
+    pub soft_enabled: Directions,
     /// Current limiting in force.
     pub current_limited: bool,
-    /// Over-temperature fault active.
-    pub over_temperature: bool,
-    /// Under-voltage fault active.
-    pub under_voltage: bool,
-    /// Gate driver fault active.
-    pub gate_driver: bool,
+    /// Active faults; the frame has over-temperature, under-voltage and gate driver only.
+    pub faults: Faults,
     /// `modeSelect`.
     pub mode: ModeSelect,
     /// `fDivErrBy256`: the error was divided by 256.
@@ -240,19 +218,18 @@ impl StatusGeneral {
         let [duty_low, duty_high, fs0, fs1, fs2, low, middle, high] = *frame.exact::<8>()?;
         Some(Self {
             duty: i16::from_le_bytes([duty_low, duty_high]),
-            forward: SwitchFlags::parse(fs0),
-            reverse: SwitchFlags::parse(fs0 >> 4),
-            limit_override: bit(fs1, 0),
-            forward_disable_override: bit(fs1, 1),
-            reverse_disable_override: bit(fs1, 2),
-            soft_forward_hit: bit(fs1, 3),
-            soft_forward_enabled: bit(fs1, 4),
-            soft_reverse_hit: bit(fs1, 5),
-            soft_reverse_enabled: bit(fs1, 6),
+            limit_pins: gathered(fs0, 0, 4),
+            limit_hit: gathered(fs0, 1, 4),
+            limit_disabled: gathered(fs0, 2, 4),
+            limit_normally_closed: gathered(fs0, 3, 4),
+            limit_override: LimitOverride {
+                enabled: bit(fs1, 0),
+                disabled: Directions::from_bits(fs1 >> 1),
+            },
+            soft_hit: gathered(fs1, 3, 2),
+            soft_enabled: gathered(fs1, 4, 2),
             current_limited: bit(fs1, 7),
-            over_temperature: bit(fs2, 0),
-            under_voltage: bit(fs2, 1),
-            gate_driver: bit(fs2, 2),
+            faults: Faults::from_bits((fs2 & STATUS_FAULTS) << STATUS_FAULTS_SHIFT),
             mode: ModeSelect::from_code(fs2 >> 3),
             error_divided: bit(fs2, 7),
             error: i24(high, middle, low),
@@ -261,20 +238,19 @@ impl StatusGeneral {
 
     /// The frame of device `number`. The error must fit 24 bits.
     #[must_use]
+    #[inline]
     pub const fn emit(&self, number: u8) -> Frame {
         let [duty_low, duty_high] = self.duty.to_le_bytes();
-        let fs0 = self.forward.emit() | self.reverse.emit() << 4;
-        let fs1 = flag(self.limit_override, 0)
-            | flag(self.forward_disable_override, 1)
-            | flag(self.reverse_disable_override, 2)
-            | flag(self.soft_forward_hit, 3)
-            | flag(self.soft_forward_enabled, 4)
-            | flag(self.soft_reverse_hit, 5)
-            | flag(self.soft_reverse_enabled, 6)
+        let fs0 = spread(self.limit_pins, 0, 4)
+            | spread(self.limit_hit, 1, 4)
+            | spread(self.limit_disabled, 2, 4)
+            | spread(self.limit_normally_closed, 3, 4);
+        let fs1 = flag(self.limit_override.enabled, 0)
+            | self.limit_override.disabled.bits() << 1
+            | spread(self.soft_hit, 3, 2)
+            | spread(self.soft_enabled, 4, 2)
             | flag(self.current_limited, 7);
-        let fs2 = flag(self.over_temperature, 0)
-            | flag(self.under_voltage, 1)
-            | flag(self.gate_driver, 2)
+        let fs2 = (self.faults.bits() >> STATUS_FAULTS_SHIFT) & STATUS_FAULTS
             | self.mode.code() << 3
             | flag(self.error_divided, 7);
         let [low, middle, high, _] = self.error.to_le_bytes();

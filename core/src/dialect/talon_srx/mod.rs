@@ -10,7 +10,6 @@ pub mod wire;
 #[cfg(test)]
 mod tests;
 
-use embedded_can::Id;
 use heapless::Deque;
 use wire::{
     BROADCAST_NUMBER, BrakeOverride, Control1, Control2, Control3, Control5, FeedbackDevice,
@@ -26,7 +25,8 @@ use crate::engine::command::{self, DriveOpts, Neutral, SensorSelect, Setpoint, S
 use crate::engine::policy::{
     Enabling, Indicated, Law, Policy, Resume, SensorSet, SoftThreshold, Sticky as StickyRule,
 };
-use crate::engine::snapshot::{DriveState, Fault, Faults, LimitStatus};
+use crate::engine::limit::Directions;
+use crate::engine::snapshot::{DriveState, Fault, Faults, Pin};
 use crate::field::saturate_i16;
 use crate::frame::Frame;
 use crate::led::Style;
@@ -138,25 +138,9 @@ impl Dialect for TalonSrx {
     /// Manual 2.2, 4.1 and 16.3; rates by docs/leds.md.
     const LED_STYLE: Style = Style::Blinking;
 
-    fn accepts(&self, own: u8, id: Id) -> bool {
-        let Id::Extended(id) = id else { return false };
-        let id = id.as_raw();
-        let (base, to) = (base(id), number(id));
-        match base {
-            id::CONTROL_1
-            | id::CONTROL_2
-            | id::CONTROL_3
-            | id::CONTROL_5
-            | id::PARAMETER_REQUEST
-            | id::PARAMETER_SET => to == own || to == BROADCAST_NUMBER,
-            id::STATUS_1 => self.master == Some(to),
-            _ => id == id::GLOBAL_ENABLE || id == id::DISABLE_ALL,
-        }
-    }
-
     fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
         let Some(id) = frame.extended_id() else { return Decoded::Ignored };
-        if !self.accepts(own, frame.id()) {
+        if !self.is_meant(own, id) {
             return Decoded::Ignored;
         }
         if id == id::DISABLE_ALL {
@@ -251,6 +235,21 @@ const fn millis(period: u8) -> Duration {
 }
 
 impl TalonSrx {
+    /// True if frames with this 29-bit identifier mean anything to device `own`.
+    fn is_meant(&self, own: u8, id: u32) -> bool {
+        let (base, to) = (base(id), number(id));
+        match base {
+            id::CONTROL_1
+            | id::CONTROL_2
+            | id::CONTROL_3
+            | id::CONTROL_5
+            | id::PARAMETER_REQUEST
+            | id::PARAMETER_SET => to == own || to == BROADCAST_NUMBER,
+            id::STATUS_1 => self.master == Some(to),
+            _ => id == id::GLOBAL_ENABLE || id == id::DISABLE_ALL,
+        }
+    }
+
     /// Which periodic frame is due, by its place in [`PERIODS`].
     fn due(&mut self, now: Instant) -> Option<usize> {
         let mut due = None;
@@ -329,8 +328,8 @@ impl TalonSrx {
             throttle: snapshot.duty().throttle() as i16,
             faults: live_faults(view),
             token_locked: snapshot.state == DriveState::Running,
-            forward_closed: !snapshot.pins.forward_limit,
-            reverse_closed: !snapshot.pins.reverse_limit,
+            forward_closed: !snapshot.pins.is_high(Pin::ForwardLimit),
+            reverse_closed: !snapshot.pins.is_high(Pin::ReverseLimit),
             feedback: self.told.feedback,
             limits: self.told.limits,
             mode: self.told.mode,
@@ -357,9 +356,9 @@ impl TalonSrx {
             position: snapshot.raw.encoder.position,
             velocity: saturate_i16(snapshot.raw.encoder.velocity),
             index_rises: self.index_rises(view),
-            pin_a: snapshot.pins.encoder_a,
-            pin_b: snapshot.pins.encoder_b,
-            pin_index: snapshot.pins.encoder_index,
+            pin_a: snapshot.pins.is_high(Pin::EncoderA),
+            pin_b: snapshot.pins.is_high(Pin::EncoderB),
+            pin_index: snapshot.pins.is_high(Pin::EncoderIndex),
         }
     }
 }
@@ -392,11 +391,10 @@ fn drive_opts(general: &General) -> DriveOpts {
             BrakeOverride::Brake => Some(Neutral::Brake),
         },
         limits: match general.limits {
-            LimitOverride::Stored(_) => command::LimitOverride::default(),
+            LimitOverride::Stored(_) => command::LimitOverride::NONE,
             LimitOverride::Forced { forward, reverse } => command::LimitOverride {
                 enabled: true,
-                disable_forward: !forward,
-                disable_reverse: !reverse,
+                disabled: Directions::new(!forward, !reverse),
             },
         },
         sensor: match general.feedback {
@@ -413,19 +411,16 @@ fn drive_opts(general: &General) -> DriveOpts {
 }
 
 /// A limit switch is a fault while it is enabled and tripped, whatever is asked for.
-const fn switch_fault(limit: &LimitStatus) -> bool {
-    limit.switch_hit && !limit.switch_disabled
-}
-
 fn live_faults(view: &View<'_>) -> LiveFaults {
     let snapshot = view.snapshot;
+    let (tripped, soft) = (snapshot.limits.tripped(), snapshot.limits.soft_hit);
     LiveFaults {
         over_temperature: snapshot.faults.contains(Fault::OverTemperature),
         under_voltage: snapshot.faults.contains(Fault::UnderVoltage),
-        forward_limit: switch_fault(&snapshot.forward),
-        reverse_limit: switch_fault(&snapshot.reverse),
-        forward_soft: snapshot.forward.soft_hit,
-        reverse_soft: snapshot.reverse.soft_hit,
+        forward_limit: tripped.forward(),
+        reverse_limit: tripped.reverse(),
+        forward_soft: soft.forward(),
+        reverse_soft: soft.reverse(),
         hardware: snapshot.faults.contains(Fault::GateDriver),
     }
 }

@@ -4,6 +4,7 @@ use super::wire::{self, Access, FeedbackDevice, Parameter};
 use super::{TalonSrx, live_faults, sticky};
 use crate::dialect::{Decoded, Intent, Request, View};
 use crate::engine::command::{Neutral, PositionOf};
+use crate::engine::snapshot::Pin;
 use crate::params::table::ParameterId;
 
 /// The row of the one table that holds a parameter; none for live values.
@@ -224,16 +225,16 @@ fn sensor_value(parameter: Parameter, view: &View<'_>) -> u32 {
     let snapshot = view.snapshot;
     let (pins, raw) = (&snapshot.pins, &snapshot.raw);
     let value = match parameter {
-        Parameter::ForwardClosed => i32::from(!pins.forward_limit),
-        Parameter::ReverseClosed => i32::from(!pins.reverse_limit),
+        Parameter::ForwardClosed => i32::from(!pins.is_high(Pin::ForwardLimit)),
+        Parameter::ReverseClosed => i32::from(!pins.is_high(Pin::ReverseLimit)),
         Parameter::SensorPosition => snapshot.position,
         Parameter::SensorVelocity => snapshot.velocity,
         Parameter::Current => wire::to_10_22(snapshot.current.to_bits().saturating_abs()),
         Parameter::EncoderPosition => raw.encoder.position,
         Parameter::EncoderVelocity => raw.encoder.velocity,
-        Parameter::QuadratureA => i32::from(pins.encoder_a),
-        Parameter::QuadratureB => i32::from(pins.encoder_b),
-        Parameter::QuadratureIndex => i32::from(pins.encoder_index),
+        Parameter::QuadratureA => i32::from(pins.is_high(Pin::EncoderA)),
+        Parameter::QuadratureB => i32::from(pins.is_high(Pin::EncoderB)),
+        Parameter::QuadratureIndex => i32::from(pins.is_high(Pin::EncoderIndex)),
         Parameter::AnalogPosition => raw.analog.position,
         Parameter::AnalogVelocity => raw.analog.velocity,
         Parameter::Temperature => wire::to_10_22(snapshot.temperature.to_bits()),

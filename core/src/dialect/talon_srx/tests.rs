@@ -4,11 +4,14 @@
 use super::*;
 use crate::dialect::{Device, Request};
 use crate::engine::command::PositionOf;
+use crate::engine::{Board, Settings};
+use crate::params::compile;
 use crate::engine::snapshot::{Actuation, Pins, Snapshot};
 use proptest::prelude::*;
 use wire::{ParameterRequest, ParameterValue, TABLE};
 
 extern crate std;
+use std::sync::LazyLock;
 use std::vec::Vec;
 
 const OWN: u8 = 3;
@@ -40,8 +43,12 @@ fn intent(decoded: Decoded) -> Intent {
     }
 }
 
+/// No frame of this dialect shows settings other than by their effects.
+static SETTINGS: LazyLock<Settings> =
+    LazyLock::new(|| compile::settings(&Params::new(), &Board::REFERENCE, &TalonSrx::POLICY));
+
 fn view<'a>(params: &'a Params, snapshot: &'a Snapshot) -> View<'a> {
-    View { number: OWN, params, snapshot, device: Device::default() }
+    View { number: OWN, params, settings: &SETTINGS, snapshot, device: Device::default() }
 }
 
 /// A dialect whose bus has just appeared and that has sent its start-up frame.
@@ -54,10 +61,14 @@ fn started() -> TalonSrx {
     talon
 }
 
+/// Whether a frame means anything to the device, be it refused for its length.
+fn takes(talon: &mut TalonSrx, frame: &Frame) -> bool {
+    talon.decode(OWN, frame) != Decoded::Ignored
+}
+
 #[test]
 fn i5_only_frames_for_this_device_are_taken() {
-    let talon = TalonSrx::default();
-    let accepts = |raw| talon.accepts(OWN, Frame::extended(raw, []).id());
+    let accepts = |raw| takes(&mut TalonSrx::default(), &Frame::extended(raw, []));
     for base in [
         id::CONTROL_1,
         id::CONTROL_2,
@@ -74,14 +85,14 @@ fn i5_only_frames_for_this_device_are_taken() {
     for foreign in [1, 0x0004_0183, id::STATUS_1 | 3, id::PARAMETER_RESPONSE | 3, 0x0206_0003] {
         assert!(!accepts(foreign), "{foreign:x}");
     }
-    assert!(!talon.accepts(OWN, Frame::standard(0, []).id()), "only 29-bit frames");
+    let standard = Frame::standard(0, []);
+    assert!(!takes(&mut TalonSrx::default(), &standard), "only 29-bit frames");
 }
 
 #[test]
 fn a_number_of_zero_works() {
     let mut talon = TalonSrx::default();
     let frame = Control1 { token: 0, general: Some(general(ModeSelect::Duty, 7)) }.emit(0);
-    assert!(talon.accepts(0, frame.id()));
     let opts = drive_opts(&general(ModeSelect::Duty, 7));
     let setpoint = Setpoint::Duty(Duty::from_throttle(7));
     assert_eq!(intent(talon.decode(0, &frame)), Intent::Drive(setpoint, opts));
@@ -167,14 +178,14 @@ fn a_held_disable_survives_the_loss_of_the_bus() {
 fn only_the_followed_controller_is_heard_and_its_throttle_copied() {
     let mut talon = TalonSrx::default();
     let report = Status1 { throttle: -1023, ..Status1::default() };
-    assert!(!talon.accepts(OWN, report.emit(9).id()));
+    assert!(!takes(&mut talon, &report.emit(9)));
     talon.decode(OWN, &control_1(ModeSelect::Follower, 9));
-    assert!(talon.accepts(OWN, report.emit(9).id()));
-    assert!(!talon.accepts(OWN, report.emit(8).id()));
+    assert!(takes(&mut talon, &report.emit(9)));
+    assert!(!takes(&mut talon, &report.emit(8)));
     let decoded = talon.decode(OWN, &report.emit(9));
     assert_eq!(intent(decoded), Intent::MasterReport(Duty::MIN));
     talon.decode(OWN, &control_1(ModeSelect::Duty, 9));
-    assert!(!talon.accepts(OWN, report.emit(9).id()));
+    assert!(!takes(&mut talon, &report.emit(9)));
 }
 
 #[test]
@@ -350,18 +361,18 @@ fn the_general_status_mirrors_what_was_told_and_shows_what_is() {
         state: DriveState::Running,
         actuation: Actuation::Drive(Duty::from_throttle(-700)),
         error: i32::MIN,
-        pins: Pins { forward_limit: false, ..Pins::default() },
+        pins: Pins::default().with(Pin::ForwardLimit, false),
         ..Snapshot::default()
     };
-    snapshot.forward.switch_hit = true;
-    snapshot.reverse.soft_hit = true;
+    snapshot.limits.switch_hit = Directions::FORWARD;
+    snapshot.limits.soft_hit = Directions::REVERSE;
     let status = talon.status_1(&view(&params, &snapshot));
     assert_eq!(status.mode, ModeSelect::VoltageCompensation);
     assert_eq!((status.feedback, status.limits), (told.feedback, told.limits));
     assert_eq!((status.throttle, status.error), (-700, i32::MIN));
     assert!(status.token_locked && status.forward_closed && !status.reverse_closed);
     assert!(status.faults.forward_limit && status.faults.reverse_soft);
-    snapshot.forward.switch_disabled = true;
+    snapshot.limits.switch_disabled = Directions::FORWARD;
     let status = talon.status_1(&view(&params, &snapshot));
     assert!(status.forward_closed && !status.faults.forward_limit, "manual 16.22");
     let feedback = talon.status_2(&view(&params, &snapshot));

@@ -54,7 +54,7 @@ fn every_mode_drives_and_every_event_ends_as_the_table_says() {
             "{setpoint:?} then off"
         );
         let mut faulted = rig.clone();
-        faulted.sample.pins.gate_driver_fault = true;
+        faulted.sample.pins.set(Pin::GateDriverFault, true);
         assert_eq!(faulted.tick(), 0, "{setpoint:?} then fault");
         assert_eq!(faulted.snapshot.actuation, Actuation::Off);
         let mut silent = rig.clone();
@@ -281,7 +281,7 @@ fn i3_every_fault_switches_off_in_its_tick_and_holds_for_3_s() {
     let faults: [(Fault, Cause, usize); 5] = [
         (
             Fault::GateDriver,
-            |rig, on| rig.sample.pins.gate_driver_fault = on,
+            |rig, on| rig.sample.pins.set(Pin::GateDriverFault, on),
             1,
         ),
         (
@@ -339,13 +339,13 @@ fn i3_every_fault_switches_off_in_its_tick_and_holds_for_3_s() {
 fn a_second_fault_restarts_the_3_s() {
     let mut rig = Rig::new();
     let forward = Setpoint::Duty(Duty::new(3_000));
-    rig.sample.pins.gate_driver_fault = true;
+    rig.sample.pins.set(Pin::GateDriverFault, true);
     rig.drive(forward, 1);
-    rig.sample.pins.gate_driver_fault = false;
+    rig.sample.pins.set(Pin::GateDriverFault, false);
     rig.drive(forward, 5_000);
-    rig.sample.pins.gate_driver_fault = true;
+    rig.sample.pins.set(Pin::GateDriverFault, true);
     rig.drive(forward, 1);
-    rig.sample.pins.gate_driver_fault = false;
+    rig.sample.pins.set(Pin::GateDriverFault, false);
     assert_eq!(rig.drive(forward, 5_999), 0);
     assert_eq!(rig.drive(forward, 1), 3_000);
     assert_eq!(rig.snapshot.fault_events[Fault::GateDriver as usize], 1);
@@ -355,9 +355,9 @@ fn a_second_fault_restarts_the_3_s() {
 fn after_a_fault_a_silent_host_finds_the_drive_halted() {
     let mut rig = Rig::new();
     rig.duty(3_000).tick();
-    rig.sample.pins.gate_driver_fault = true;
+    rig.sample.pins.set(Pin::GateDriverFault, true);
     rig.tick();
-    rig.sample.pins.gate_driver_fault = false;
+    rig.sample.pins.set(Pin::GateDriverFault, false);
     assert_eq!(rig.ticks(7_000), 0);
     assert_eq!(rig.snapshot.state, DriveState::Halted);
 }

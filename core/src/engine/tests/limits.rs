@@ -8,12 +8,12 @@ fn a_hard_limit_blocks_only_its_direction_at_the_terminals() {
         let mut rig = Rig::new();
         rig.command.opts.reverse_motor = reverse_motor;
         let sign = if reverse_motor { -1 } else { 1 };
-        rig.sample.pins.forward_limit = false;
+        rig.sample.pins.set(Pin::ForwardLimit, false);
         assert_eq!(rig.drive(Setpoint::Duty(Duty::new(sign * 1000)), 2), 0);
-        assert!(rig.snapshot.forward.refused);
+        assert!(rig.snapshot.limits.refused.forward());
         assert_eq!(rig.drive(Setpoint::Duty(Duty::new(sign * -1000)), 2), -1000);
-        rig.sample.pins.forward_limit = true;
-        rig.sample.pins.reverse_limit = false;
+        rig.sample.pins.set(Pin::ForwardLimit, true);
+        rig.sample.pins.set(Pin::ReverseLimit, false);
         assert_eq!(rig.drive(Setpoint::Duty(Duty::new(sign * -1000)), 2), 0);
         assert_eq!(rig.drive(Setpoint::Duty(Duty::new(sign * 1000)), 2), 1000);
     }
@@ -22,10 +22,10 @@ fn a_hard_limit_blocks_only_its_direction_at_the_terminals() {
 #[test]
 fn a_disabled_or_overridden_switch_reports_its_hit_and_lets_drive() {
     let mut rig = Rig::new();
-    rig.sample.pins.forward_limit = false;
+    rig.sample.pins.set(Pin::ForwardLimit, false);
     rig.set(ParameterId::ForwardLimitDisabled, 1);
     assert_eq!(rig.drive(Setpoint::Duty(Duty::new(1000)), 2), 1000);
-    assert!(rig.snapshot.forward.switch_hit);
+    assert!(rig.snapshot.limits.switch_hit.forward());
     rig.command.opts.limits = LimitOverride {
         enabled: true,
         ..LimitOverride::default()
@@ -36,7 +36,7 @@ fn a_disabled_or_overridden_switch_reports_its_hit_and_lets_drive() {
         "override enables the switch"
     );
     rig.set(ParameterId::ForwardLimitDisabled, 0);
-    rig.command.opts.limits.disable_forward = true;
+    rig.command.opts.limits.disabled = Directions::FORWARD;
     assert_eq!(
         rig.drive(Setpoint::Duty(Duty::new(1000)), 2),
         1000,
@@ -82,9 +82,9 @@ fn soft_limits_act_at_the_threshold_and_only_when_enabled() {
 fn a_released_limit_resumes_on_the_ramp() {
     let mut rig = Rig::new();
     rig.command.opts.ramp = 500;
-    rig.sample.pins.forward_limit = false;
+    rig.sample.pins.set(Pin::ForwardLimit, false);
     assert_eq!(rig.drive(Setpoint::Duty(Duty::MAX), 50), 0);
-    rig.sample.pins.forward_limit = true;
+    rig.sample.pins.set(Pin::ForwardLimit, true);
     assert_eq!(rig.drive(Setpoint::Duty(Duty::MAX), 1), 500);
 }
 

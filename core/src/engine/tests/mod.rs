@@ -10,12 +10,13 @@ mod throttle;
 mod throttle_law;
 
 use super::command::*;
+use super::limit::Directions;
 use super::settings::Policy;
 use super::snapshot::*;
 use super::*;
 use crate::params::table::ParameterId;
 use crate::params::{Params, compile};
-use crate::units::Duty;
+use crate::units::{Amps, Duty};
 
 /// The rules of the DMC60C guide: heartbeat and follower 104 ms, fault state 3 s.
 const POLICY: Policy = Policy {
@@ -34,6 +35,8 @@ pub(super) struct Rig {
     pub(super) policy: Policy,
     pub(super) sample: Sample,
     pub(super) command: Command,
+    /// The command of the tick before: whatever a test changes in it is a revision.
+    told: Command,
     pub(super) snapshot: Snapshot,
 }
 
@@ -60,6 +63,7 @@ impl Rig {
                 ..Sample::default()
             },
             command: Command::default(),
+            told: Command::default(),
             snapshot: Snapshot::default(),
         }
     }
@@ -71,9 +75,13 @@ impl Rig {
 
     pub(super) fn tick(&mut self) -> i16 {
         let settings = compile::settings(&self.params, &Board::REFERENCE, &self.policy);
-        let snapshot = self.engine.tick(&settings, &self.sample, &self.command);
-        self.snapshot = snapshot;
-        snapshot.duty().units()
+        self.command.revision = self.told.revision;
+        if self.command != self.told {
+            self.command.revision += 1;
+            self.told = self.command;
+        }
+        self.snapshot = *self.engine.tick(&settings, &self.sample, &self.command);
+        self.snapshot.duty().units()
     }
 
     pub(super) fn ticks(&mut self, count: usize) -> i16 {

@@ -131,9 +131,9 @@ fn an_active_limit_switch_holds_the_position_cleared_even_if_disabled() {
         assert_eq!(rig.snapshot.position, 100);
         let pin = |rig: &mut Rig, high| {
             if forward {
-                rig.sample.pins.forward_limit = high;
+                rig.sample.pins.set(Pin::ForwardLimit, high);
             } else {
-                rig.sample.pins.reverse_limit = high;
+                rig.sample.pins.set(Pin::ReverseLimit, high);
             }
         };
         pin(&mut rig, false);

@@ -382,7 +382,7 @@ fn soft_limits_begin_beyond_the_threshold_of_the_selected_sensor() {
     rig.encoder(0).analog(500);
     assert_eq!(rig.throttle(duty(500), 2), 0);
     assert!(
-        rig.snapshot.forward.soft_hit,
+        rig.snapshot.limits.soft_hit.forward(),
         "shown in the direction that is not driven too"
     );
     assert_eq!(rig.throttle(duty(-500), 2), -500);
@@ -407,7 +407,7 @@ fn limit_switch_truth_table_of_the_manual() {
         rig.set(ParameterId::ForwardLimitNormallyClosed, closed_type)
             .set(ParameterId::ForwardLimitDisabled, disabled);
         for (high, drives) in [(true, drives_open), (false, drives_closed)] {
-            rig.sample.pins.forward_limit = high;
+            rig.sample.pins.set(Pin::ForwardLimit, high);
             assert_eq!(rig.throttle(duty(500), 2) != 0, drives);
             assert_eq!(
                 rig.throttle(duty(-500), 2),
@@ -422,9 +422,9 @@ fn limit_switch_truth_table_of_the_manual() {
 fn a_blocked_direction_resumes_on_the_ramp() {
     let mut rig = rig();
     rig.command.opts.ramp = 50;
-    rig.sample.pins.forward_limit = false;
+    rig.sample.pins.set(Pin::ForwardLimit, false);
     assert_eq!(rig.throttle(duty(1000), 200), 0);
-    rig.sample.pins.forward_limit = true;
+    rig.sample.pins.set(Pin::ForwardLimit, true);
     assert!(rig.throttle(duty(1000), 20) <= 50);
 }
 
@@ -467,10 +467,10 @@ fn voltage_temperature_and_current_never_stop_the_drive_and_are_shown_while_pres
 fn i3_a_failure_of_the_power_stage_is_off_in_the_same_tick_and_for_3_s() {
     let mut rig = rig();
     rig.throttle(duty(500), 10);
-    rig.sample.pins.gate_driver_fault = true;
+    rig.sample.pins.set(Pin::GateDriverFault, true);
     rig.throttle(duty(500), 1);
     assert_eq!(rig.snapshot.actuation, Actuation::Off);
-    rig.sample.pins.gate_driver_fault = false;
+    rig.sample.pins.set(Pin::GateDriverFault, false);
     for tick in 1..6000 {
         rig.throttle(duty(500), 1);
         assert_eq!(rig.snapshot.actuation, Actuation::Off, "tick {tick}");
@@ -572,12 +572,10 @@ proptest! {
                 analog_in: analog[1],
                 bus_voltage: analog[2],
                 temperature: analog[3],
-                pins: Pins {
-                    forward_limit: flags[0],
-                    reverse_limit: flags[1],
-                    gate_driver_fault: flags[2] && flags[3],
-                    ..Pins::default()
-                },
+                pins: Pins::default()
+                    .with(Pin::ForwardLimit, flags[0])
+                    .with(Pin::ReverseLimit, flags[1])
+                    .with(Pin::GateDriverFault, flags[2] && flags[3]),
                 ..rig.sample
             };
             rig.command.setpoint = match mode {
@@ -611,8 +609,8 @@ proptest! {
             if snapshot.state != DriveState::Running || snapshot.faults.contains(Fault::GateDriver) {
                 prop_assert_eq!(throttle, 0);
             }
-            prop_assert!(throttle <= 0 || !snapshot.forward.blocked);
-            prop_assert!(throttle >= 0 || !snapshot.reverse.blocked);
+            prop_assert!(throttle <= 0 || !snapshot.limits.blocked.forward());
+            prop_assert!(throttle >= 0 || !snapshot.limits.blocked.reverse());
         }
     }
 }

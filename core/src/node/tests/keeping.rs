@@ -174,9 +174,9 @@ fn configured() -> Bench {
         bench.vendor(command, 6);
         bench.receive(&Frame::extended(id::VENDOR_DATA_OUT | 5, text));
     }
-    bench.sample.pins.gate_driver_fault = true;
+    bench.sample.pins.set(Pin::GateDriverFault, true);
     bench.run(1);
-    bench.sample.pins.gate_driver_fault = false;
+    bench.sample.pins.set(Pin::GateDriverFault, false);
     bench.run(6001);
     assert_eq!((bench.get(52).value, bench.get(56).value), (8, 1));
     bench

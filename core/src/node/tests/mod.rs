@@ -11,7 +11,7 @@ use std::vec::Vec;
 use super::*;
 use crate::dialect::dmc60c::wire::{Control0, ModeSelect, StatusGeneral};
 use crate::engine::Engine;
-use crate::engine::snapshot::{Sample, Snapshot};
+use crate::engine::snapshot::{Pin, Sample, Snapshot};
 use crate::frc_id::base;
 use crate::management::vendor::{CommandCode, Descriptor};
 use crate::management::wire::{
@@ -115,7 +115,7 @@ impl Bench {
         for _ in 0..ticks {
             self.now = self.now + TICK;
             let (settings, command) = (*self.node.settings(), *self.node.command());
-            self.snapshot = self.engine.tick(&settings, &self.sample, &command);
+            self.snapshot = *self.engine.tick(&settings, &self.sample, &command);
             self.node.poll(self.now, &self.snapshot);
             self.flush();
         }
@@ -441,7 +441,7 @@ proptest! {
                     bench.receive(&Frame::extended(base | number, data).shortened(len));
                 }
                 None if kind == 8 => bench.node.on_bus_lost(bench.now),
-                None => bench.sample.pins.gate_driver_fault = own_session,
+                None => bench.sample.pins.set(Pin::GateDriverFault, own_session),
             }
             bench.run(ticks);
             if let Some(Action::Reset(_)) = bench.actions.last() {

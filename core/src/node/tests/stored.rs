@@ -17,6 +17,7 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
                 let expected = match id {
                     // The table holds no default for what is computed; the bench was switched on.
                     ParameterId::ResetCause => crate::reset::ResetCause::PowerOn as u32,
+                    ParameterId::Leds => bench.node.leds(bench.now, &bench.snapshot).to_bits(),
                     _ => id.row().default,
                 };
                 assert_eq!((response.value, response.code), (expected, 0), "{code}");
@@ -120,9 +121,9 @@ fn a_new_number_answers_under_itself_and_a_refused_one_under_the_old() {
 #[test]
 fn sticky_faults_and_counts_are_read_then_cleared_independently() {
     let mut bench = Bench::connected();
-    bench.sample.pins.gate_driver_fault = true;
+    bench.sample.pins.set(Pin::GateDriverFault, true);
     bench.run(1);
-    bench.sample.pins.gate_driver_fault = false;
+    bench.sample.pins.set(Pin::GateDriverFault, false);
     bench.run(1);
     assert_eq!(
         (
