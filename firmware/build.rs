@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Boards with a map of their own; all others have the default board's.
+/// Chips with a map of their own; all others have the default board's.
 const OWN_MAP: [(&str, &str); 3] = [
-    ("CARGO_FEATURE_BOARD_B_G431B_ESC1", "memory/stm32g431cb.x"),
-    ("CARGO_FEATURE_BOARD_NUCLEO_G474RE", "memory/stm32g474re.x"),
+    ("CARGO_FEATURE_STM32G431", "memory/stm32g431cb.x"),
+    ("CARGO_FEATURE_STM32G474", "memory/stm32g474re.x"),
     ("CARGO_FEATURE_BOARD_QEMU", "memory/qemu.x"),
 ];
 

@@ -23,7 +23,8 @@ named_codes! {
         Watchdog = 5, "watchdog";
         /// The program found itself in a state that must not be. Detail: line; place: hash of the file's name.
         Panic = 6, "panic";
-        /// A fault of the processor. Detail: Configurable Fault Status Register; place: Bus Fault Address.
+        /// A fault of the processor. Detail: Configurable Fault Status Register; place: address of the
+        /// instruction.
         ProcessorFault = 7, "processor fault";
         /// An interrupt that nothing handles. Detail: its exception number.
         UnexpectedInterrupt = 8, "unexpected interrupt";

@@ -14,6 +14,8 @@ from emulator import ROOT, EmulatorTest, dmc60c
 SOURCES = os.path.join(ROOT, "firmware", "src")
 
 DUTY = 8_000
+# Where the emulated board's application stands (firmware/memory/qemu.x).
+SLOT, SLOT_SIZE = 0x2001_0000, 31 * 4096
 NAME_FIELD = 1
 VELOCITY_GAINS = {dmc60c.P_GAIN: dmc60c.fixed(0.25), dmc60c.I_GAIN: dmc60c.fixed(0.004),
                   dmc60c.F_GAIN: dmc60c.fixed(0.9)}
@@ -233,17 +235,27 @@ class Crash(EmulatorTest):
             dmc60c.RESET_CAUSE, dmc60c.RESET_DETAIL, dmc60c.RESET_PLACE))
 
     def test_a_panic_is_told_after_the_restart(self):
+        self.enumerate()
+        self.assertEqual(self.get(dmc60c.CRASH_CAUSE), 0)
         cause, line, file = self.crash("panic")
         self.assertEqual(cause, dmc60c.RESET_PANIC)
         source = os.path.join(SOURCES, "board", "qemu", "console.rs")
         with open(source, encoding="utf-8") as text:
             self.assertIn("panic!", text.readlines()[line - 1])
         self.assertEqual(file, fnv_1a("firmware/src/board/qemu/console.rs"))
+        # It is known for longer than the cause of the latest start.
+        status, _ = self.command(dmc60c.SOFT_RESET)
+        self.assertEqual(status.error, dmc60c.ACK_RESET)
+        self.assertEqual(self.get(dmc60c.RESET_CAUSE), dmc60c.RESET_REQUESTED)
+        kept = tuple(self.get(parameter) & 0xFFFF_FFFF for parameter in (
+            dmc60c.CRASH_CAUSE, dmc60c.CRASH_DETAIL, dmc60c.CRASH_PLACE))
+        self.assertEqual(kept, (cause, line, file))
 
     def test_a_processor_fault_is_told_after_the_restart(self):
-        cause, status, _ = self.crash("fault")
+        cause, status, instruction = self.crash("fault")
         # Bit 16 of the fault status: undefined instruction.
         self.assertEqual((cause, status), (dmc60c.RESET_FAULT, 1 << 16))
+        self.assertIn(instruction - SLOT, range(SLOT_SIZE))
 
     def test_an_unexpected_interrupt_is_told_after_the_restart(self):
         # TIM5 is interrupt 50.

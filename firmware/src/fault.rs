@@ -62,17 +62,16 @@ global_asm!(
     handler = sym hard_fault,
 );
 
+/// Where the processor has put the address of the instruction, above the stack pointer (ARMv7-M Architecture Reference
+/// Manual, B1.5.6).
+const PUSHED_ADDRESS: u32 = 24;
+
 extern "C" fn hard_fault(pointer: u32) -> ! {
-    // SAFETY: reading these registers has no side effect, and nothing else runs any more.
-    let scb = unsafe { &*SCB::PTR };
-    let status = scb.cfsr.read();
-    end(if pointer < stack::end() {
-        Cause::StackOverflow { status, pointer }
-    } else {
-        Cause::HardFault {
-            status,
-            address: scb.bfar.read(),
-        }
+    // SAFETY: reading this register has no side effect, and nothing else runs any more.
+    let status = unsafe { (*SCB::PTR).cfsr.read() };
+    end(match stack::word(pointer.wrapping_add(PUSHED_ADDRESS)) {
+        Some(address) if pointer >= stack::end() => Cause::HardFault { status, address },
+        _ => Cause::StackOverflow { status, pointer },
     })
 }
 

@@ -6,7 +6,7 @@ use windlass_core::boot::slots::Slot;
 use windlass_core::engine;
 use windlass_core::node::NodeConfig;
 use windlass_core::params::Stored;
-use windlass_core::params::journal::{Journal, SaveError, Saved};
+use windlass_core::params::journal::{Crash, Journal, SaveError, Saved};
 use windlass_core::reset::Reset;
 
 use crate::record::{PassedOn, Record};
@@ -31,17 +31,22 @@ pub struct Origin {
 pub struct Kept<S, A> {
     origin: Origin,
     journal: Journal,
+    crash: Option<Crash>,
     settings: S,
     slot: Slot<A>,
 }
 
 impl<S: NorFlash, A: NorFlash> Kept<S, A> {
-    /// Opens the journal: at the start of the program, because that may take an erase.
+    /// Opens the journal and keeps the crash that the program may have started with: at its start, because that may take
+    /// an erase.
     #[must_use]
     pub fn new(origin: Origin, mut settings: S, slot: Slot<A>) -> Self {
+        let mut journal = Journal::open(&mut settings);
+        let reset = &origin.passed_on.start.reset;
         Self {
+            crash: Crash::keep(&mut journal, &mut settings, reset),
             origin,
-            journal: Journal::open(&mut settings),
+            journal,
             settings,
             slot,
         }
@@ -70,6 +75,7 @@ impl<S: NorFlash, A: NorFlash> Kept<S, A> {
             handover: passed_on.start.handover,
             newer_settings: self.journal.is_newer_format(),
             reset: passed_on.start.reset,
+            crash: self.crash,
             ..NodeConfig::dmc60c(seed)
         }
     }

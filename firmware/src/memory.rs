@@ -4,7 +4,7 @@ use windlass_core::boot::image::{Hardware, PAGE_SIZE};
 use windlass_core::boot::slots::{Slot, Slots, TRAILER_SIZE};
 
 use crate::chip::family::flash::{Flash, JOURNAL_UNIT, SLOT_UNIT};
-#[cfg(any(feature = "board-b-g431b-esc1", feature = "board-qemu"))]
+#[cfg(any(feature = "stm32g431", feature = "board-qemu"))]
 use crate::partition::Missing;
 use crate::partition::{Partition, Region};
 
@@ -21,13 +21,13 @@ pub const PAGES: Region = map::FLASH;
 pub const SLOT: Region = PAGES.with(map::TRAILER);
 
 /// The hardware that images are for.
-#[cfg(any(feature = "board-f405-devkit", feature = "board-qemu"))]
+#[cfg(any(feature = "stm32f405", feature = "board-qemu"))]
 pub const HARDWARE: Hardware = Hardware::F405;
 /// The hardware that images are for.
-#[cfg(feature = "board-nucleo-g474re")]
+#[cfg(feature = "stm32g474")]
 pub const HARDWARE: Hardware = Hardware::G474;
 /// The hardware that images are for.
-#[cfg(feature = "board-b-g431b-esc1")]
+#[cfg(feature = "stm32g431")]
 pub const HARDWARE: Hardware = Hardware::G431;
 
 /// The settings journal.
@@ -35,10 +35,10 @@ pub type Settings = Partition<Flash, JOURNAL_UNIT>;
 /// Where the application runs from.
 pub type Application = Partition<Flash, SLOT_UNIT>;
 /// Where the copy of the last confirmed image stands.
-#[cfg(any(feature = "board-f405-devkit", feature = "board-nucleo-g474re"))]
+#[cfg(any(feature = "stm32f405", feature = "stm32g474"))]
 pub type Fallback = Application;
 /// There is no room for a copy of the last confirmed image.
-#[cfg(any(feature = "board-b-g431b-esc1", feature = "board-qemu"))]
+#[cfg(any(feature = "stm32g431", feature = "board-qemu"))]
 pub type Fallback = Missing;
 
 const _: () = assert!(
@@ -76,14 +76,14 @@ pub fn slots() -> Slots<Application, Fallback> {
     }
 }
 
-#[cfg(any(feature = "board-f405-devkit", feature = "board-nucleo-g474re"))]
+#[cfg(any(feature = "stm32f405", feature = "stm32g474"))]
 fn fallback() -> Option<Slot<Fallback>> {
     const FALLBACK: Fallback = Partition::new(map::FALLBACK);
     const { assert!(map::FALLBACK.length == SLOT.length) };
     Some(Slot::new(FALLBACK, &HARDWARE))
 }
 
-#[cfg(any(feature = "board-b-g431b-esc1", feature = "board-qemu"))]
+#[cfg(any(feature = "stm32g431", feature = "board-qemu"))]
 const fn fallback() -> Option<Slot<Fallback>> {
     None
 }

@@ -24,7 +24,7 @@ pub enum Cause {
     HardFault {
         /// Configurable Fault Status Register.
         status: u32,
-        /// Faulting address, if the status says that it is valid.
+        /// Address of the instruction.
         address: u32,
     },
     /// An interrupt came that nothing handles.

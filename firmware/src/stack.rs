@@ -18,6 +18,15 @@ pub fn end() -> u32 {
     bounds().0 as u32
 }
 
+/// The word at an address of the stack, if it is one.
+#[must_use]
+pub fn word(address: u32) -> Option<u32> {
+    let (low, high) = bounds();
+    let place = core::ptr::with_exposed_provenance::<u32>(address as usize);
+    // SAFETY: it is aligned and lies in the stack region, which is always readable.
+    (place.is_aligned() && (low..high).contains(&place)).then(|| unsafe { place.read_volatile() })
+}
+
 /// Bytes of the stack that have been used since the start.
 #[must_use]
 pub fn high_water() -> usize {

@@ -206,6 +206,7 @@ impl SimNode {
         match started {
             Started::Application {
                 header,
+                crash,
                 stored,
                 newer_settings,
             } => {
@@ -215,6 +216,7 @@ impl SimNode {
                     handover: self.handover,
                     newer_settings,
                     reset: self.reset,
+                    crash,
                     ..NodeConfig::dmc60c(self.seed)
                 };
                 self.power = Power::On(Box::new(Node::new(now, &config, Some(&stored))));

@@ -5,9 +5,12 @@ mod bench;
 use bench::Bench;
 use windlass_core::dialect::dmc60c::wire::ModeSelect;
 use windlass_core::management::vendor::{Command, CommandCode};
-use windlass_core::management::wire::{ParameterSet, VendorCommand};
+use windlass_core::management::wire::{
+    ParameterRequest, ParameterResponse, ParameterSet, VendorCommand,
+};
 use windlass_core::params::SettingsState;
 use windlass_core::params::table::ParameterId;
+use windlass_core::reset::ResetCause;
 use windlass_core::time::Duration;
 use windlass_sim::{Poke, SimNode};
 
@@ -68,6 +71,45 @@ fn i6_power_cut_at_any_moment_of_a_save_leaves_the_old_or_the_new_settings() {
         old > 20 && new > 20 && acknowledged > 20,
         "{old} {new} {acknowledged}"
     );
+}
+
+/// A parameter as it is read over the bus.
+fn get(bench: &mut Bench, (number, session): (u8, u16), parameter: ParameterId) -> u32 {
+    bench.drain();
+    let request = ParameterRequest {
+        session,
+        parameter: parameter as u8,
+    };
+    bench.world.send(bench.tool, request.emit(number));
+    bench.run(20);
+    let answers = bench.of_kind(windlass_core::management::wire::id::PARAMETER_RESPONSE);
+    let answer = ParameterResponse::parse(&answers[0].frame).unwrap();
+    assert_eq!(answer.code, 0);
+    answer.value
+}
+
+#[test]
+fn a_crash_is_known_after_a_power_cut() {
+    let mut bench = Bench::new(&["dmc60c:5"]);
+    let device = bench.enumerate()[0];
+    assert_eq!(get(&mut bench, device, ParameterId::CrashCause), 0);
+    bench.set(device, ParameterId::Slot0P, 7);
+    bench.run(20);
+    bench.poke(0, Poke::Hang(true));
+    bench.run(25);
+    bench.poke(0, Poke::Hang(false));
+    bench.run(500);
+    let watchdog = ResetCause::Watchdog as u32;
+    let device = bench.enumerate()[0];
+    assert_eq!(get(&mut bench, device, ParameterId::ResetCause), watchdog);
+    assert_eq!(get(&mut bench, device, ParameterId::CrashCause), watchdog);
+    cut(&mut bench);
+    bench.run(500);
+    let device = bench.enumerate()[0];
+    let power_on = ResetCause::PowerOn as u32;
+    assert_eq!(get(&mut bench, device, ParameterId::ResetCause), power_on);
+    assert_eq!(get(&mut bench, device, ParameterId::CrashCause), watchdog);
+    assert_eq!(get(&mut bench, device, ParameterId::Slot0P), 7);
 }
 
 #[test]

@@ -6,6 +6,7 @@ use crate::engine::command::{PositionOf, SetPosition};
 use crate::engine::snapshot::{Fault, Snapshot};
 use crate::management::vendor::ParameterError;
 use crate::params::compile;
+use crate::params::journal::Crash;
 use crate::params::table::{ParameterId, Storage};
 use crate::time::Instant;
 
@@ -51,11 +52,19 @@ impl Node {
             (ParameterId::ResetDetail, _) => self.config.reset.detail,
             (ParameterId::ResetPlace, _) => self.config.reset.place,
             (ParameterId::ResetCount, _) => self.config.reset.count,
+            (ParameterId::CrashCause, _) => self.crash(|crash| crash.cause as u32),
+            (ParameterId::CrashDetail, _) => self.crash(|crash| crash.detail),
+            (ParameterId::CrashPlace, _) => self.crash(|crash| crash.place),
             (ParameterId::FramesDropped, _) => self.counters.dropped,
             (ParameterId::TransmissionsFailed, _) => self.counters.given_up,
             (ParameterId::Leds, _) => self.leds(now, snapshot).to_bits(),
             _ => self.stored.params.get(id),
         }
+    }
+
+    /// Something of the latest crash; 0 if none is known.
+    fn crash(&self, part: impl FnOnce(&Crash) -> u32) -> u32 {
+        self.config.crash.as_ref().map_or(0, part)
     }
 
     /// Writes a parameter and gives its value in force; for faults and counts the value before it was
@@ -78,6 +87,9 @@ impl Node {
             | ParameterId::ResetDetail
             | ParameterId::ResetPlace
             | ParameterId::ResetCount
+            | ParameterId::CrashCause
+            | ParameterId::CrashDetail
+            | ParameterId::CrashPlace
             | ParameterId::FramesDropped
             | ParameterId::TransmissionsFailed
             | ParameterId::Leds => return Ok(self.read(now, id, snapshot)),

@@ -6,6 +6,7 @@ use crate::frame::Frame;
 use crate::management::Answer;
 use crate::management::vendor::PinTest;
 use crate::management::wire::ImageType;
+use crate::params::journal::Crash;
 use crate::reset::Reset;
 
 /// Product identifier of the DMC60C: product 0x602, variant 1, firmware id 3 (docs/dmc60c.md). Firmware images
@@ -41,6 +42,8 @@ pub struct NodeConfig {
     pub newer_settings: bool,
     /// Why the controller started.
     pub reset: Reset,
+    /// The latest crash, if one is kept.
+    pub crash: Option<Crash>,
 }
 
 impl NodeConfig {
@@ -56,6 +59,7 @@ impl NodeConfig {
             handover: None,
             newer_settings: false,
             reset: Reset::POWER_ON,
+            crash: None,
         }
     }
 }

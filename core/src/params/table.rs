@@ -246,7 +246,7 @@ parameters! {
     FramesDropped = 133, "paramFramesDropped", Computed, 0, Live, "";
     /// Restarts since power-on.
     ResetCount = 134, "paramResetCount", Computed, 0, Live, "";
-    /// Place of the cause: hash of the file with the panic, faulting address.
+    /// Place of the cause: hash of the file with the panic, address of the faulting instruction.
     ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
     /// Transmissions that were given up since the start.
     TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
@@ -279,6 +279,13 @@ parameters! {
     /// Limits that have blocked since the sticky faults were cleared, where the dialect keeps them: bit 0
     /// forward switch, 1 reverse switch, 2 forward soft limit, 3 reverse soft limit.
     StickyLimits = 152, "paramStickyLimits", Range(0, 15), 0, Persistent, "";
+    /// The latest crash, kept over a loss of power: a code of [`ResetCause`](crate::reset::ResetCause), 0 if none is
+    /// known; writing has no effect, as for the next two.
+    CrashCause = 153, "paramCrashCause", Computed, 0, Live, "";
+    /// Detail of the latest crash, as in `paramResetDetail`.
+    CrashDetail = 154, "paramCrashDetail", Computed, 0, Live, "";
+    /// Place of the latest crash, as in `paramResetPlace`.
+    CrashPlace = 155, "paramCrashPlace", Computed, 0, Live, "";
 }
 
 impl ParameterId {

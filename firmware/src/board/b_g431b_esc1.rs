@@ -10,7 +10,7 @@ use stm32_metapac::{GPIOA, GPIOB, GPIOC, Interrupt, OPAMP1, OPAMP3, TIM4, interr
 use windlass_core::engine;
 use windlass_core::engine::settings::{Linear, Thresholds};
 
-use super::stm32::{self as board, Analog, Description, Inputs, Panel, Tick};
+use super::stm32::{self as board, Analog, Description, Inputs, Panel};
 use crate::chip::stm32::bridge::{Leg, Wiring};
 use crate::chip::stm32::encoder::Encoder;
 use crate::chip::stm32::pulse::PulseInput;
@@ -93,7 +93,7 @@ const BOARD: Description = Description {
         // A+, B+ and Z+ of J8, at the first three channels of TIM4.
         encoder: ([Pin(GPIOB, 6), Pin(GPIOB, 7), Pin(GPIOB, 8)], 2),
         index: Interrupt::TIM4,
-        // Pad PWM of J3, at the first channel of TIM2.
+        // Pad PWM, at the first channel of TIM2.
         pulse: PulseInput {
             timer: TIM2_AS_16_BITS,
             pin: (Pin(GPIOA, 15), 1),
@@ -115,7 +115,6 @@ static ENCODER: Encoder = Encoder::new(TIM4);
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
-    static mut TICK: Tick = Tick::new();
     static mut SHUNTS: Shunts = Shunts::new(SHUNT_MICROAMPERES);
     chip::acknowledge_tick();
     let [plus, minus, bus_voltage, temperature] = converter::conversions();
@@ -125,7 +124,10 @@ fn TIM7() {
         temperature,
         analog_in: converter::between(),
     };
-    SHUNTS.applied(TICK.run(&BOARD, &ENCODER, &analog));
+    // SAFETY: this is the tick's interrupt, and it is called once each time.
+    if let Some(tick) = unsafe { board::tick() } {
+        SHUNTS.applied(tick.run(&BOARD, &ENCODER, &analog));
+    }
 }
 
 #[cfg(not(feature = "bootloader"))]

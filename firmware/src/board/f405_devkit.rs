@@ -4,7 +4,7 @@
 use stm32_metapac::{GPIOA, GPIOB, Interrupt, interrupt};
 
 use super::kit::{self, Chip};
-use super::stm32::{Description, Tick};
+use super::stm32::Description;
 use crate::chip::stm32::{self as chip, Pin};
 use crate::chip::stm32f405::{TIMER_1_MHZ, TIMER_7_MHZ, converter};
 
@@ -29,9 +29,9 @@ const BOARD: Description = Chip {
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn TIM7() {
-    static mut TICK: Tick = Tick::new();
     chip::acknowledge_tick();
-    kit::run_tick(TICK, &BOARD, converter::conversions());
+    // SAFETY: this is the tick's interrupt.
+    unsafe { kit::run_tick(&BOARD, converter::conversions()) };
 }
 
 /// Every switch of the bridge open, from anywhere.

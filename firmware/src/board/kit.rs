@@ -4,7 +4,7 @@
 use stm32_metapac::{GPIOA, GPIOB, GPIOC, Interrupt, TIM3, interrupt};
 use windlass_core::engine;
 
-use super::stm32::{self, Analog, Description, Inputs, Panel, Tick};
+use super::stm32::{self, Analog, Description, Inputs, Panel};
 use crate::chip::stm32::bridge::{Leg, Wiring};
 use crate::chip::stm32::encoder::Encoder;
 use crate::chip::stm32::pulse::PulseInput;
@@ -90,8 +90,11 @@ fn TIM2() {
 }
 
 /// The control tick with the converter's results in the order of [`ANALOG`].
+///
+/// # Safety
+/// Nothing but the tick's interrupt may call this.
 #[inline]
-pub(super) fn run_tick(tick: &mut Tick, board: &Description, conversions: [u16; 4]) {
+pub(super) unsafe fn run_tick(board: &Description, conversions: [u16; 4]) {
     let [current, bus_voltage, temperature, analog_in] = conversions;
     let analog = Analog {
         current,
@@ -99,7 +102,10 @@ pub(super) fn run_tick(tick: &mut Tick, board: &Description, conversions: [u16; 
         temperature,
         analog_in,
     };
-    tick.run(board, &ENCODER, &analog);
+    // SAFETY: this is the tick's interrupt, and it is called once each time.
+    if let Some(tick) = unsafe { stm32::tick() } {
+        tick.run(board, &ENCODER, &analog);
+    }
 }
 
 /// Starts the board and runs it.

@@ -26,18 +26,18 @@ boards! {
 }
 
 // What the boards with the kit share.
-#[cfg(any(feature = "board-f405-devkit", feature = "board-nucleo-g474re"))]
+#[cfg(feature = "kit")]
 #[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
 mod kit;
-#[cfg(not(feature = "board-qemu"))]
+#[cfg(feature = "stm32")]
 #[cfg_attr(feature = "bootloader", allow(dead_code, unused_imports))]
 mod stm32;
-#[cfg(all(feature = "bootloader", not(feature = "board-qemu")))]
+#[cfg(all(feature = "bootloader", feature = "stm32"))]
 mod stm32_boot;
 
 #[cfg(feature = "board-qemu")]
 pub use qemu::micros;
-#[cfg(not(feature = "board-qemu"))]
+#[cfg(feature = "stm32")]
 pub use stm32::micros;
 
 /// The bridge is off: the bootloader leaves all its pins as inputs, as a reset does.

@@ -1,6 +1,9 @@
 //! What all STM32 boards do in the same way: start, thread mode's part and the tick's. A board's own file says
 //! what is connected where.
 
+use core::ptr;
+use core::sync::atomic::{AtomicPtr, Ordering};
+
 use cortex_m::Peripherals;
 use cortex_m::peripheral::NVIC;
 use static_cell::StaticCell;
@@ -211,6 +214,30 @@ impl Tick {
     }
 }
 
+/// The tick once it is made. Not a static with a value: its few bytes that are not zero would have all two kilobytes
+/// copied from flash.
+static TICK: AtomicPtr<Tick> = AtomicPtr::new(ptr::null_mut());
+
+/// What the tick's interrupt owns.
+///
+/// # Safety
+/// Nothing but that interrupt may call this, and it once each time.
+#[inline]
+pub(super) unsafe fn tick() -> Option<&'static mut Tick> {
+    // SAFETY: it points nowhere or to a static that nobody else has (see `start_tick`), and the caller lets go of the
+    // reference before it asks for the next one.
+    unsafe { TICK.load(Ordering::Relaxed).as_mut() }
+}
+
+/// Makes what the tick's interrupt owns and starts it. Not inlined, because it may take up much of the stack.
+#[cfg(not(feature = "bootloader"))]
+#[inline(never)]
+fn start_tick(nvic: &mut NVIC, description: &Description) {
+    static PLACE: StaticCell<Tick> = StaticCell::new();
+    TICK.store(PLACE.init_with(Tick::new), Ordering::Relaxed);
+    chip::start_tick(nvic, description.tick, description.tick_mhz);
+}
+
 type BoardKept = Kept<memory::Settings, memory::Application>;
 
 /// The board's part of thread mode.
@@ -336,7 +363,7 @@ fn build(
         description.inputs.start(nvic, encoder);
         let [receive, transmit] = description.can;
         board.can = Can::start(nvic, receive, transmit);
-        chip::start_tick(nvic, description.tick, description.tick_mhz);
+        start_tick(nvic, description);
     }
     (board, thread)
 }

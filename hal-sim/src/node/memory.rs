@@ -20,7 +20,8 @@ use windlass_core::crc::page_transfer;
 use windlass_core::management::vendor::CommandCode;
 use windlass_core::node::PRODUCT_DMC60C;
 use windlass_core::params::Stored;
-use windlass_core::params::journal::{Journal, SaveError, Saved};
+use windlass_core::params::journal::{Crash, Journal, SaveError, Saved};
+use windlass_core::reset::Reset;
 use windlass_core::time::{Duration, Instant};
 
 use crate::nor::{Geometry, NorChip, NorState, Partition, Region, STM32F405, STM32G431, STM32G474};
@@ -60,6 +61,7 @@ pub(super) enum Started {
     /// The application of this header.
     Application {
         header: Header,
+        crash: Option<Crash>,
         stored: Box<Stored>,
         newer_settings: bool,
     },
@@ -292,6 +294,11 @@ impl<const W: usize, const S: usize, const J: usize> Memory<W, S, J> {
         match booted.start {
             Ok(header) => Started::Application {
                 header,
+                crash: Crash::keep(
+                    &mut self.journal,
+                    &mut self.flash,
+                    &Reset::first(boot.cause),
+                ),
                 stored: Box::new(Stored::load(&self.journal, &mut self.flash)),
                 newer_settings: self.journal.is_newer_format(),
             },

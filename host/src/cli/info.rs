@@ -47,6 +47,8 @@ struct Own {
     detail: Parameter,
     place: Parameter,
     count: Parameter,
+    /// Cause, detail and place of the latest crash; firmware that keeps none does not know them.
+    crash: Option<[Parameter; 3]>,
     dropped: Parameter,
     failed: Parameter,
     settings: Parameter,
@@ -96,12 +98,21 @@ fn own(client: &mut Connection, device: Device) -> Result<Option<Own>, Failure> 
         Err(Error::Refused { .. }) => return Ok(None),
         cause => cause?,
     };
+    let crash = match client.parameter(device.address, ParameterId::CrashCause) {
+        Err(Error::Refused { .. }) => None,
+        cause => Some([
+            cause?,
+            client.parameter(device.address, ParameterId::CrashDetail)?,
+            client.parameter(device.address, ParameterId::CrashPlace)?,
+        ]),
+    };
     let mut read = |parameter| client.parameter(device.address, parameter);
     Ok(Some(Own {
         cause,
         detail: read(ParameterId::ResetDetail)?,
         place: read(ParameterId::ResetPlace)?,
         count: read(ParameterId::ResetCount)?,
+        crash: crash.filter(|[cause, ..]| cause.raw != 0),
         dropped: read(ParameterId::FramesDropped)?,
         failed: read(ParameterId::TransmissionsFailed)?,
         settings: read(ParameterId::SettingsState)?,
@@ -122,6 +133,14 @@ fn describe(information: &Information) -> Value {
             "place": own.place.raw,
             "count": own.count.raw,
         });
+        document["last_crash"] = own.crash.map_or(Value::Null, |[cause, detail, place]| {
+            json!({
+                "cause": cause.to_string(),
+                "code": cause.raw,
+                "detail": detail.raw,
+                "place": place.raw,
+            })
+        });
         document["settings"] = json!(own.settings.to_string());
         document["frames_dropped"] = json!(own.dropped.raw);
         document["transmissions_failed"] = json!(own.failed.raw);
@@ -129,12 +148,11 @@ fn describe(information: &Information) -> Value {
     document
 }
 
-/// The cause of the latest reset with what is known of it.
-fn started_by(own: &Own) -> String {
-    let (cause, detail, place) = (own.cause, own.detail, own.place);
+/// A cause with what is known of it.
+fn told([cause, detail, place]: [Parameter; 3]) -> String {
     match ResetCause::from_code(cause.raw as u8) {
         Some(ResetCause::Panic) => format!("{cause} (line {}, file {place})", detail.raw),
-        Some(ResetCause::ProcessorFault) => format!("{cause} (status {detail}, address {place})"),
+        Some(ResetCause::ProcessorFault) => format!("{cause} (status {detail}, at {place})"),
         Some(ResetCause::StackGuard) => format!("{cause} (status {detail}, pointer {place})"),
         Some(ResetCause::UnexpectedInterrupt) => format!("{cause} (exception {})", detail.raw),
         _ => cause.to_string(),
@@ -161,7 +179,11 @@ fn print(information: &Information) -> Result<(), Failure> {
         return Ok(());
     };
     say!("  {:<15} {}", "settings", own.settings)?;
-    say!("  {:<15} {}", "started by", started_by(own))?;
+    let started_by = told([own.cause, own.detail, own.place]);
+    say!("  {:<15} {started_by}", "started by")?;
+    if let Some(crash) = own.crash {
+        say!("  {:<15} {}", "last crash", told(crash))?;
+    }
     say!("  {:<15} {} since power-on", "restarts", own.count)?;
     say!(
         "  {:<15} {} received, {} given up",

@@ -48,10 +48,13 @@ enum Form {
 fn form(row: &Parameter) -> Form {
     match row.id {
         ParameterId::ActiveFaults | ParameterId::StickyFaults => Form::Faults,
-        ParameterId::ResetCause => Form::Cause,
+        ParameterId::ResetCause | ParameterId::CrashCause => Form::Cause,
         ParameterId::SettingsState => Form::Settings,
         ParameterId::Leds => Form::Leds,
-        ParameterId::ResetDetail | ParameterId::ResetPlace => Form::Word,
+        ParameterId::ResetDetail
+        | ParameterId::ResetPlace
+        | ParameterId::CrashDetail
+        | ParameterId::CrashPlace => Form::Word,
         // 31-bit unsigned in the guide, but it limits an accumulator of 16.16 amperes.
         ParameterId::CurrentLimitIZone => Form::Fixed,
         _ => match row.kind {

@@ -294,6 +294,12 @@ impl<F: NorFlash> Slot<F> {
         log
     }
 
+    /// A place without its marker is free, whatever stands behind it.
+    fn is_taken(&mut self, index: usize) -> bool {
+        let mut marker = [0; LARGEST_UNIT];
+        self.read_trailer(place(index), &mut marker).is_ok() && marker == RECORD_MARKER
+    }
+
     #[inline(never)]
     fn words(&mut self, index: usize) -> Option<Words> {
         let mut content = [0; CONTENT];
@@ -334,7 +340,7 @@ impl<F: NorFlash> Slot<F> {
             let content = words.to_content();
             let written = self.write_trailer(at, &RECORD_MARKER).is_ok()
                 && self.write_trailer(at + LARGEST_UNIT, &content).is_ok();
-            if written && self.words(index) == Some(words) {
+            if written && self.is_taken(index) && self.words(index) == Some(words) {
                 log.take(words);
                 return Ok(());
             }

@@ -1,6 +1,7 @@
 //! How the node started and what it has lost, as its own parameters tell it.
 
 use super::*;
+use crate::params::journal::Crash;
 use crate::reset::{Reset, ResetCause};
 
 /// Cause, detail, place and count as they are read over the bus.
@@ -21,16 +22,24 @@ fn the_reset_s_cause_detail_place_and_count_are_read_over_the_bus() {
             place: 0xDEAD_BEEF,
             count: 7,
         };
+        let crash = Crash {
+            cause: *cause,
+            detail: 0x8000_0002,
+            place: 0xBEEF_DEAD,
+        };
         let config = NodeConfig {
             reset,
+            crash: Some(crash),
             ..NodeConfig::dmc60c(1)
         };
         let mut bench = Bench::with(&config, None);
         bench.receive(&Frame::extended(0x1FFF_FFFF, []));
         let expected = [*cause as u32, 0x8000_0001, 0xDEAD_BEEF, 7];
         assert_eq!(read(&mut bench), expected);
+        let crash = [153, 154, 155].map(|parameter| bench.get(parameter).value);
+        assert_eq!(crash, [*cause as u32, 0x8000_0002, 0xBEEF_DEAD]);
         // Writing is answered and changes nothing.
-        for parameter in [130, 132, 133, 134, 135, 136] {
+        for parameter in [130, 132, 133, 134, 135, 136, 153, 154, 155] {
             let before = bench.get(parameter).value;
             let answer = bench.set(parameter, 1234);
             assert_eq!((answer.code, answer.value), (0, before));

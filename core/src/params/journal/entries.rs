@@ -35,6 +35,8 @@ impl Key {
     pub const STICKY_FAULTS: Self = Self::Other(2);
     /// Counts of the faults with bits 0 to 3, four bytes.
     pub const FAULT_COUNTS: Self = Self::Other(3);
+    /// The latest crash, nine bytes: code of its cause, detail, place, low bytes first.
+    pub const CRASH: Self = Self::Other(4);
 
     /// Smallest anti-rollback counter that the bootloader accepts, four bytes, low byte first.
     pub const ROLLBACK: Self = Self::Other(0x20);
@@ -97,6 +99,15 @@ pub struct Change<'a> {
     pub value: Option<&'a [u8]>,
 }
 
+impl Change<'_> {
+    /// No change at all: a copy of the set before. It removes an entry that no set has, because a writer of its own
+    /// would be another kilobyte of machine code.
+    pub(super) const NONE: Self = Self {
+        key: Key::Other(0),
+        value: None,
+    };
+}
+
 impl Content for Change<'_> {
     fn owns(&self, key: Key) -> bool {
         key == self.key
@@ -107,17 +118,6 @@ impl Content for Change<'_> {
             sink.entry(self.key, value);
         }
     }
-}
-
-/// No change at all: a copy of the set before.
-pub(super) struct Unchanged;
-
-impl Content for Unchanged {
-    fn owns(&self, _: Key) -> bool {
-        false
-    }
-
-    fn put(&self, _: &mut dyn Sink) {}
 }
 
 /// Where an entry stands in flash.

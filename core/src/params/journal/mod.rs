@@ -9,6 +9,7 @@
 //! any [`NorFlash`] of at least two erase units whose program units are 1, 2, 4 or 8 bytes, and programs
 //! each of them once between two erases.
 
+mod crash;
 mod entries;
 mod layout;
 mod stored;
@@ -17,8 +18,9 @@ mod tests;
 
 use embedded_storage::nor_flash::NorFlash;
 
+pub use crash::Crash;
 pub use entries::{Change, Content, Entries, Entry, Key, Sink, VALUE_CAPACITY, Value};
-use entries::{Pass, Unchanged, Use};
+use entries::{Pass, Use};
 use layout::{CELL, Contents, SEAL, Set, UNIT_HEADER, generation_cell, newer, read_cell};
 
 /// Format of the entries that this firmware writes. Header and CRC of a set are the same in all formats.
@@ -96,7 +98,7 @@ impl Journal {
             let mut journal = Self::find(flash);
             if journal.is_settled(flash)
                 || journal
-                    .append(flash, &Unchanged, Repeat::Always, true)
+                    .append(flash, &Change::NONE, Repeat::Always, true)
                     .is_ok()
             {
                 return journal;

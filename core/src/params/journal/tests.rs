@@ -12,6 +12,7 @@ use crate::engine::snapshot::Faults;
 use crate::management::vendor::Descriptor;
 use crate::params::Stored;
 use crate::params::table::ParameterId;
+use crate::reset::{Reset, ResetCause};
 
 const UNIT: usize = 512;
 
@@ -134,6 +135,55 @@ fn settings_come_back_as_they_were() {
     assert_eq!(Stored::load(&journal, &mut memory), expected);
     let again = Journal::open(&mut memory);
     assert_eq!(Stored::load(&again, &mut memory), expected);
+}
+
+#[test]
+fn the_latest_crash_is_kept_beside_the_settings_and_the_same_one_is_written_once() {
+    let mut memory = Memory::new(2);
+    let mut journal = Journal::open(&mut memory);
+    save(&mut journal, &mut memory, &settings());
+    let crashed = |cause| Reset {
+        cause,
+        detail: 0x8000_0001,
+        place: 0xDEAD_BEEF,
+        count: 3,
+    };
+    // A start without a crash keeps nothing.
+    for cause in [
+        ResetCause::PowerOn,
+        ResetCause::Requested,
+        ResetCause::BrownOut,
+    ] {
+        let crash = Crash::keep(&mut journal, &mut memory, &crashed(cause));
+        assert_eq!((crash, journal.sequence()), (None, 1));
+    }
+    for (at, cause) in [ResetCause::Panic, ResetCause::Watchdog]
+        .into_iter()
+        .enumerate()
+    {
+        let reset = crashed(cause);
+        let expected = Some(Crash {
+            cause,
+            detail: reset.detail,
+            place: reset.place,
+        });
+        for _ in 0..100 {
+            let crash = Crash::keep(&mut journal, &mut memory, &reset);
+            assert_eq!((crash, journal.sequence()), (expected, at as u32 + 2));
+        }
+        // After a loss of power, and with new settings.
+        let mut journal = Journal::open(&mut memory);
+        let crash = Crash::keep(&mut journal, &mut memory, &Reset::POWER_ON);
+        assert_eq!(crash, expected);
+    }
+    let mut journal = Journal::open(&mut memory);
+    assert_eq!(
+        Stored::load(&journal, &mut memory).number,
+        settings().number
+    );
+    save(&mut journal, &mut memory, &Stored::default());
+    let crash = Crash::keep(&mut journal, &mut memory, &Reset::POWER_ON);
+    assert_eq!(crash.map(|crash| crash.cause), Some(ResetCause::Watchdog));
 }
 
 #[test]

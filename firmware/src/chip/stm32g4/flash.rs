@@ -37,7 +37,7 @@ const ERRORS: u32 = 0xC3FA;
 /// Exception number of the non-maskable interrupt (ARMv7-M Architecture Reference Manual, B1.5.2).
 const NON_MASKABLE: u32 = 2;
 /// Bytes of a bank of the STM32G474RE with its 512 KB (3.3.1, table 6).
-#[cfg(feature = "board-nucleo-g474re")]
+#[cfg(feature = "stm32g474")]
 const BANK: u32 = 256 * 1024;
 
 /// Somebody reads who can do with an error.
@@ -54,9 +54,9 @@ fn noted() -> bool {
     let state = FLASH.eccr().read();
     // Writing ones clears the flags.
     FLASH.eccr().write_value(state);
-    #[cfg(feature = "board-nucleo-g474re")]
+    #[cfg(feature = "stm32g474")]
     let other = state.eccd2();
-    #[cfg(not(feature = "board-nucleo-g474re"))]
+    #[cfg(not(feature = "stm32g474"))]
     let other = false;
     state.eccd() || other
 }
@@ -122,7 +122,7 @@ fn flush_caches() {
 /// Refuses a chip whose option byte DBANK makes one bank with pages of 4 KB (3.4.1): an erase would take the
 /// neighbour along.
 fn check_arrangement() -> Result<(), FlashError> {
-    #[cfg(feature = "board-nucleo-g474re")]
+    #[cfg(feature = "stm32g474")]
     if !FLASH.optr().read().dbank() {
         return Err(FlashError::Arrangement);
     }
@@ -166,9 +166,9 @@ impl Controller for Flash {
         unlock();
         FLASH.cr().write(|control| {
             control.set_per(true);
-            #[cfg(feature = "board-nucleo-g474re")]
+            #[cfg(feature = "stm32g474")]
             control.set_bker(offset >= BANK);
-            #[cfg(feature = "board-nucleo-g474re")]
+            #[cfg(feature = "stm32g474")]
             let offset = offset % BANK;
             control.set_pnb((offset / JOURNAL_UNIT as u32) as u8);
         });
