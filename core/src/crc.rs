@@ -65,11 +65,15 @@ impl Crc32 {
     }
 
     /// Takes all bytes.
+    // Not inlined, because it is called from everywhere. The index is below the length.
+    #[allow(clippy::indexing_slicing)]
     #[inline(never)]
-    pub fn update(&mut self, bytes: &[u8]) {
-        self.0 = bytes
-            .iter()
-            .fold(self.0, |register, byte| step(register, *byte));
+    pub const fn update(&mut self, bytes: &[u8]) {
+        let mut at = 0;
+        while at < bytes.len() {
+            self.0 = step(self.0, bytes[at]);
+            at += 1;
+        }
     }
 
     /// The CRC-32/ISO-HDLC of what was taken since [`Crc32::new`].
@@ -93,7 +97,7 @@ impl Default for Crc32 {
 
 /// CRC-32/ISO-HDLC of some bytes.
 #[must_use]
-pub fn iso_hdlc(bytes: &[u8]) -> u32 {
+pub const fn iso_hdlc(bytes: &[u8]) -> u32 {
     let mut crc = Crc32::new();
     crc.update(bytes);
     crc.finish()
@@ -101,7 +105,7 @@ pub fn iso_hdlc(bytes: &[u8]) -> u32 {
 
 /// CRC of the DMC60C's page transfer (docs/dmc60c.md, "Updates").
 #[must_use]
-pub fn page_transfer(bytes: &[u8]) -> u32 {
+pub const fn page_transfer(bytes: &[u8]) -> u32 {
     let mut crc = Crc32::zero();
     crc.update(bytes);
     crc.raw()

@@ -35,6 +35,24 @@ pub enum Colour {
 }
 
 impl Colour {
+    /// Every colour, in the order of the codes in [`Leds::to_bits`].
+    pub const ALL: [Self; 9] = [
+        Self::Off,
+        Self::Red,
+        Self::Orange,
+        Self::Yellow,
+        Self::Green,
+        Self::Blue,
+        Self::Fuchsia,
+        Self::Cyan,
+        Self::White,
+    ];
+
+    /// The colour of the low 4 bits.
+    fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.get((code & 0xF) as usize).copied()
+    }
+
     /// The colour's name in lower case.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -59,6 +77,28 @@ pub struct Leds {
     pub ring: [Colour; 4],
     /// Red while neutral brakes, off while it coasts.
     pub brake: Colour,
+}
+
+impl Leds {
+    /// As `paramLeds` has them: 4 bits for each colour, LED1 in the lowest, the brake LED in bits 16 to 19.
+    #[must_use]
+    pub fn to_bits(self) -> u32 {
+        let [a, b, c, d] = self.ring;
+        let all = [a, b, c, d, self.brake];
+        all.into_iter()
+            .rev()
+            .fold(0, |bits, colour| bits << 4 | colour as u32)
+    }
+
+    /// Reads the bits; `None` for a code that is no colour.
+    #[must_use]
+    pub fn from_bits(bits: u32) -> Option<Self> {
+        let colour = |at: u32| Colour::from_code(bits >> (4 * at));
+        Some(Self {
+            ring: [colour(0)?, colour(1)?, colour(2)?, colour(3)?],
+            brake: colour(4)?,
+        })
+    }
 }
 
 /// How the LEDs tell it. The dialect chooses.
@@ -384,6 +424,19 @@ mod tests {
             "{}",
             changes(i16::MAX)
         );
+    }
+
+    #[test]
+    fn the_bits_of_the_parameter_read_back() {
+        for (code, colour) in (0..).zip(Colour::ALL) {
+            let leds = Leds {
+                ring: [colour, Red, Off, Colour::White],
+                brake: colour,
+            };
+            assert_eq!(leds.to_bits(), code << 16 | 0x8010 | code);
+            assert_eq!(Leds::from_bits(leds.to_bits()), Some(leds));
+        }
+        assert_eq!(Leds::from_bits(9), None);
     }
 
     #[test]

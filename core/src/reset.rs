@@ -1,6 +1,7 @@
 //! Why a controller started: causes with their codes and names, and what goes with them.
 
 use crate::management::vendor::named_codes;
+use crate::time::Duration;
 
 named_codes! {
     /// Why a controller started. The codes are the values of `paramResetCause` and this project's own.
@@ -48,6 +49,29 @@ impl ResetCause {
                 | Self::UnexpectedInterrupt
                 | Self::StackGuard
         )
+    }
+}
+
+/// An application that has run so long works, whether anybody has asked it or not.
+pub const HEALTHY_AFTER: Duration = Duration::from_millis(10_000);
+
+/// How often in a row the application has failed ([`ResetCause::is_failure`]) before it has shown that it works: by an
+/// answer, or by running for [`HEALTHY_AFTER`]. Kept in RAM over a reset; a loss of power forgets it, so that the application is tried again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Crashes(pub u8);
+
+impl Crashes {
+    /// None.
+    pub const NONE: Self = Self(0);
+
+    /// The count after one more reset.
+    #[must_use]
+    pub const fn after(self, cause: ResetCause) -> Self {
+        if cause.is_failure() {
+            Self(self.0.saturating_add(1))
+        } else {
+            Self::NONE
+        }
     }
 }
 
@@ -102,6 +126,16 @@ mod tests {
             assert_eq!(cause.name(), *name);
         }
         assert_eq!(ResetCause::from_code(ResetCause::TABLE.len() as u8), None);
+    }
+
+    #[test]
+    fn failures_in_a_row_are_counted_and_anything_else_ends_the_row() {
+        for (cause, _) in ResetCause::TABLE {
+            let after = Crashes(3).after(*cause);
+            let expected = if cause.is_failure() { 4 } else { 0 };
+            assert_eq!(after, Crashes(expected), "{cause:?}");
+        }
+        assert_eq!(Crashes(255).after(ResetCause::Panic), Crashes(255));
     }
 
     #[test]

@@ -70,12 +70,22 @@ class Emulator:
             raise
 
     def _connect(self):
+        self.join()
+        self.poker = self._retry(lambda: socket.create_connection(("127.0.0.1", self.poke_port)))
+        self.poker.settimeout(SILENCE_SECONDS)
+
+    def join(self):
+        """Opens the line, which takes one client."""
         self.bus = self._retry(lambda: can.Bus(
             interface="slcan", channel=f"socket://127.0.0.1:{self.line_port}", bitrate=1_000_000,
             sleep_after_open=0))
         self.wait_until_up()
-        self.poker = self._retry(lambda: socket.create_connection(("127.0.0.1", self.poke_port)))
-        self.poker.settimeout(SILENCE_SECONDS)
+
+    def leave(self) -> str:
+        """Closes the line for another client; gives its name as a transport of `windlass`."""
+        self.bus.shutdown()
+        del self.bus
+        return f"tcp:127.0.0.1:{self.line_port}"
 
     def wait_until_up(self):
         """What is sent before the firmware has switched its serial line on is lost."""

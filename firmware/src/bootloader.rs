@@ -5,7 +5,7 @@
 
 use windlass_core::boot::image::Page;
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory};
-use windlass_core::boot::slots::Booted;
+use windlass_core::boot::slots::{self, Booted};
 use windlass_core::led::Leds;
 use windlass_core::node::{Handover, PRODUCT_DMC60C, Tag};
 use windlass_core::reset::ResetCause;
@@ -49,12 +49,24 @@ pub fn decide<A: NorFlash, F: NorFlash, J: NorFlash>(
     hardware_id: u32,
     seed: u32,
 ) -> Result<(), LoaderConfig> {
-    let Start { reset, handover } = record.start(hardware);
-    let booted: Booted = windlass_core::boot::loader::start(memory, reset.cause, handover);
+    let start = record.start(hardware);
+    let Start {
+        reset,
+        handover,
+        crashes,
+    } = start;
+    let booted: Booted = windlass_core::boot::loader::start(
+        memory,
+        &slots::Start {
+            cause: reset.cause,
+            handover,
+            crashes,
+        },
+    );
     match booted.start {
         Ok(_) => {
             record.pass_on(&PassedOn {
-                start: Start { reset, handover },
+                start,
                 bootloader_version: VERSION,
             });
             Ok(())

@@ -49,6 +49,7 @@ pub fn origin(
     cause_of_chip: impl FnOnce() -> ResetCause,
 ) -> Origin {
     Origin {
+        record: &RECORD,
         passed_on: RECORD.take_passed_on().unwrap_or_else(|| PassedOn {
             start: RECORD.start(cause_of_chip()),
             bootloader_version: NO_BOOTLOADER,

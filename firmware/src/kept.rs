@@ -9,11 +9,13 @@ use windlass_core::params::Stored;
 use windlass_core::params::journal::{Crash, Journal, SaveError, Saved};
 use windlass_core::reset::Reset;
 
-use crate::record::PassedOn;
+use crate::record::{PassedOn, Record};
 
 /// What the application knows of itself and of its start.
 #[derive(Clone, Copy, Debug)]
 pub struct Origin {
+    /// What bootloader and application tell each other.
+    pub record: &'static Record,
     /// Passed on by the bootloader.
     pub passed_on: PassedOn,
     /// The application's own version.
@@ -64,6 +66,7 @@ impl<S: NorFlash, A: NorFlash> Kept<S, A> {
             version,
             board,
             seed,
+            ..
         } = self.origin;
         NodeConfig {
             board,
@@ -101,8 +104,14 @@ impl<S: NorFlash, A: NorFlash> Kept<S, A> {
 
     /// The image has run and answered.
     pub fn confirm(&mut self) {
+        self.healthy();
         // If it fails, the next start tries again.
         let _ = self.slot.confirm();
+    }
+
+    /// The image works: failures before this count no more.
+    pub fn healthy(&self) {
+        self.origin.record.healthy();
     }
 
     /// The slot that the application runs from.

@@ -32,6 +32,8 @@ pub mod thread;
 
 #[cfg(target_os = "none")]
 pub mod board;
+#[cfg(all(target_os = "none", feature = "bootloader"))]
+mod builtins;
 #[cfg(target_os = "none")]
 pub mod chip;
 #[cfg(target_os = "none")]

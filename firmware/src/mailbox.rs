@@ -1,7 +1,7 @@
 //! Between a CAN controller's interrupts and thread mode: frames that came, and the one that goes.
 //!
 //! What the controller reports is told to a [`Mailbox`] by interrupts; thread mode empties it. Nothing is
-//! parsed here.
+//! parsed here. A bootloader enables no interrupt and asks its controller in each pass: it has a [`Line`] instead.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -27,6 +27,62 @@ pub enum Attempt {
     /// Lost arbitration, which is only waiting, or nobody acknowledged, which ends with the loss of the bus:
     /// no attempt in the sense of [`Attempts`].
     Waiting,
+}
+
+impl Attempt {
+    /// What follows: another attempt, with so many left, or the end of the transmission.
+    ///
+    /// # Errors
+    /// The transmission has ended like this.
+    const fn then(self, left: Attempts) -> Result<Attempts, TxOutcome> {
+        match (self, left) {
+            (Self::Sent, _) => Err(TxOutcome::Sent),
+            (Self::Destroyed, Attempts::AtMost(0 | 1)) => Err(TxOutcome::Failed),
+            (Self::Destroyed, Attempts::AtMost(left)) => Ok(Attempts::AtMost(left - 1)),
+            (_, left) => Ok(left),
+        }
+    }
+}
+
+/// The transmission of a controller that repeats nothing by itself and that no interrupt serves.
+#[derive(Debug, Default)]
+pub struct Line {
+    on_the_way: Option<Attempts>,
+}
+
+impl Line {
+    /// A transmission starts.
+    pub const fn start(&mut self, attempts: Attempts) {
+        self.on_the_way = Some(attempts);
+    }
+
+    /// The bus is lost: what is on its way is given up without an outcome.
+    pub const fn flush(&mut self) {
+        self.on_the_way = None;
+    }
+
+    /// The next event: the end of a transmission before a frame. `attempt` is how an attempt has ended, if one has,
+    /// `repeat` starts another one.
+    pub fn poll(
+        &mut self,
+        attempt: Option<Attempt>,
+        repeat: impl FnOnce(),
+        received: impl FnOnce() -> Option<Frame>,
+    ) -> Option<BusEvent> {
+        if let (Some(attempt), Some(left)) = (attempt, self.on_the_way) {
+            match attempt.then(left) {
+                Ok(left) => {
+                    self.on_the_way = Some(left);
+                    repeat();
+                }
+                Err(outcome) => {
+                    self.on_the_way = None;
+                    return Some(BusEvent::Ended(outcome));
+                }
+            }
+        }
+        received().map(BusEvent::Received)
+    }
 }
 
 /// The mailbox of one controller, which repeats nothing by itself.
@@ -104,27 +160,17 @@ impl Mailbox {
         let Some(attempts) = self.on_the_way.get().get() else {
             return false;
         };
-        let left = match (attempt, attempts) {
-            (Attempt::Sent, _) => {
-                self.finish(TxOutcome::Sent);
-                return false;
+        match attempt.then(attempts) {
+            Ok(left) => {
+                self.on_the_way.offer(left);
+                true
             }
-            (Attempt::Destroyed, Attempts::AtMost(left)) => {
-                Attempts::AtMost(left.saturating_sub(1))
+            Err(outcome) => {
+                self.on_the_way.put(Maybe::Nothing);
+                self.ended.offer(outcome);
+                false
             }
-            (_, attempts) => attempts,
-        };
-        if left == Attempts::AtMost(0) {
-            self.finish(TxOutcome::Failed);
-            return false;
         }
-        self.on_the_way.offer(left);
-        true
-    }
-
-    fn finish(&self, outcome: TxOutcome) {
-        self.on_the_way.put(Maybe::Nothing);
-        self.ended.offer(outcome);
     }
 
     /// The bus is lost: what is on its way is given up without an outcome.
@@ -185,6 +231,39 @@ mod tests {
         }
         assert!(!mailbox.ended(Attempt::Sent));
         assert_eq!(mailbox.poll(), Some(BusEvent::Ended(TxOutcome::Sent)));
+    }
+
+    #[test]
+    fn a_line_without_interrupts_counts_attempts_in_the_same_way() {
+        let mut line = Line::default();
+        let mut repeated = 0;
+        let mut poll = |line: &mut Line, attempt| line.poll(attempt, || repeated += 1, || None);
+        line.start(Attempts::AtMost(2));
+        assert_eq!(poll(&mut line, None), None);
+        assert_eq!(poll(&mut line, Some(Attempt::Waiting)), None);
+        assert_eq!(poll(&mut line, Some(Attempt::Destroyed)), None);
+        assert_eq!(
+            poll(&mut line, Some(Attempt::Destroyed)),
+            Some(BusEvent::Ended(TxOutcome::Failed))
+        );
+        line.start(Attempts::UntilSent);
+        for _ in 0..1000 {
+            assert_eq!(poll(&mut line, Some(Attempt::Destroyed)), None);
+        }
+        assert_eq!(
+            poll(&mut line, Some(Attempt::Sent)),
+            Some(BusEvent::Ended(TxOutcome::Sent))
+        );
+        // What ends later was given up.
+        line.start(Attempts::UntilSent);
+        line.flush();
+        assert_eq!(poll(&mut line, Some(Attempt::Destroyed)), None);
+        assert_eq!(repeated, 1002);
+        let frame = Frame::standard(1, []);
+        assert_eq!(
+            line.poll(None, || (), || Some(frame)),
+            Some(BusEvent::Received(frame))
+        );
     }
 
     #[test]

@@ -107,20 +107,39 @@ impl<C: Controller, const ERASE: usize> Partition<C, ERASE> {
             controller: PhantomData,
         }
     }
+}
 
+impl Region {
     /// Address of a range of offsets that lies in the region and whose ends are multiples of `unit`, a power of
     /// two.
     fn address(&self, offset: u32, length: usize, unit: usize) -> Result<u32, FlashError> {
         let length = u32::try_from(length).map_err(|_| FlashError::Range)?;
-        let room = self
-            .region
-            .length
-            .checked_sub(offset)
-            .ok_or(FlashError::Range)?;
+        let room = self.length.checked_sub(offset).ok_or(FlashError::Range)?;
         if length > room || (offset | length) & (unit as u32 - 1) != 0 {
             return Err(FlashError::Range);
         }
-        Ok(self.region.start + offset)
+        Ok(self.start + offset)
+    }
+
+    // Once for every erase unit.
+    fn write<C: Controller>(&self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
+        let mut address = self.address(offset, bytes.len(), C::WRITE_SIZE)?;
+        for unit in bytes.chunks(C::WRITE_SIZE) {
+            C::program(address, unit)?;
+            address += C::WRITE_SIZE as u32;
+        }
+        Ok(())
+    }
+
+    fn erase<C: Controller>(&self, from: u32, to: u32, unit: u32) -> Result<(), FlashError> {
+        let length = to.checked_sub(from).ok_or(FlashError::Range)?;
+        let mut address = self.address(from, length as usize, unit as usize)?;
+        let end = address + length;
+        while address < end {
+            C::erase(address, unit)?;
+            address += unit;
+        }
+        Ok(())
     }
 }
 
@@ -132,7 +151,7 @@ impl<C: Controller, const ERASE: usize> ReadNorFlash for Partition<C, ERASE> {
     const READ_SIZE: usize = 1;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let address = self.address(offset, bytes.len(), 1)?;
+        let address = self.region.address(offset, bytes.len(), 1)?;
         C::read(address, bytes)
     }
 
@@ -146,23 +165,11 @@ impl<C: Controller, const ERASE: usize> NorFlash for Partition<C, ERASE> {
     const ERASE_SIZE: usize = ERASE;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        let length = to.checked_sub(from).ok_or(FlashError::Range)?;
-        let mut address = self.address(from, length as usize, ERASE)?;
-        let end = address + length;
-        while address < end {
-            C::erase(address, ERASE as u32)?;
-            address += ERASE as u32;
-        }
-        Ok(())
+        self.region.erase::<C>(from, to, ERASE as u32)
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let mut address = self.address(offset, bytes.len(), C::WRITE_SIZE)?;
-        for unit in bytes.chunks(C::WRITE_SIZE) {
-            C::program(address, unit)?;
-            address += C::WRITE_SIZE as u32;
-        }
-        Ok(())
+        self.region.write::<C>(offset, bytes)
     }
 }
 

@@ -3,7 +3,7 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use windlass_core::node::Handover;
-use windlass_core::reset::{Reset, ResetCause};
+use windlass_core::reset::{Crashes, Reset, ResetCause};
 
 /// Tells a record from what RAM holds after power-on.
 const MAGIC: u32 = 0x5EC0_57A7;
@@ -50,16 +50,47 @@ pub struct Start {
     pub reset: Reset,
     /// Left by the run before, if it restarted on purpose.
     pub handover: Option<Handover>,
+    /// Failures in a row, for the boot decision.
+    pub crashes: Crashes,
 }
 
-/// Memory of one [`Cause`] and of the number of restarts since power-on.
-///
-/// Words with their checksums; atomics, so that the panic and fault handlers can write them from anywhere.
+/// Three words with their checksum; atomics, so that the panic and fault handlers can write them from anywhere.
+#[derive(Debug)]
+struct Words([AtomicU32; 4]);
+
+impl Words {
+    const fn new() -> Self {
+        Self([const { AtomicU32::new(0) }; 4])
+    }
+
+    #[inline(never)]
+    fn put(&self, [a, b, c]: [u32; 3]) {
+        for (word, value) in self.0.iter().zip([a, b, c, checksum(a, b, c)]) {
+            word.store(value, Ordering::Relaxed);
+        }
+    }
+
+    fn get(&self) -> Option<[u32; 3]> {
+        let [a, b, c, sum] = self.0.each_ref().map(|word| word.load(Ordering::Relaxed));
+        (sum == checksum(a, b, c)).then_some([a, b, c])
+    }
+
+    /// The words, once.
+    #[inline(never)]
+    fn take(&self) -> Option<[u32; 3]> {
+        let words = self.get();
+        let [.., sum] = &self.0;
+        sum.fetch_xor(MAGIC, Ordering::Relaxed);
+        words
+    }
+}
+
+/// Memory of one [`Cause`], of restarts since power-on and failures in a row, and of what the bootloader passes on.
 #[derive(Debug)]
 pub struct Record {
-    words: [AtomicU32; 4],
-    count: [AtomicU32; 2],
-    passed_on: [AtomicU32; 5],
+    kept: Words,
+    counts: Words,
+    passed_on: Words,
 }
 
 /// What the bootloader tells the application that it starts.
@@ -71,67 +102,73 @@ pub struct PassedOn {
     pub bootloader_version: u16,
 }
 
-/// Bits of the first word that is passed on.
+/// Bits of the first word beside the code of the cause.
 const HAS_HANDOVER: u32 = 1 << 8;
 const STAY: u32 = 1 << 9;
 const VERSION_SHIFT: u32 = 16;
+
+/// A cause in words; the version is 0 where there is none. A restart with a handover has no detail: the session stands
+/// in its place.
+const fn encode(reset: &Reset, handover: Option<Handover>, version: u16) -> [u32; 3] {
+    let (flags, detail) = match handover {
+        None => (0, reset.detail),
+        Some(handover) => {
+            let stay = if handover.stay_in_bootloader { STAY } else { 0 };
+            (HAS_HANDOVER | stay, handover.session as u32)
+        }
+    };
+    let version = (version as u32) << VERSION_SHIFT;
+    [reset.cause as u32 | flags | version, detail, reset.place]
+}
+
+fn decode([first, detail, place]: [u32; 3]) -> Option<(Reset, Option<Handover>)> {
+    let handover = (first & HAS_HANDOVER != 0).then_some(Handover {
+        session: detail as u16,
+        stay_in_bootloader: first & STAY != 0,
+    });
+    let reset = Reset {
+        cause: ResetCause::from_code(first as u8)?,
+        detail: if handover.is_some() { 0 } else { detail },
+        place,
+        count: 0,
+    };
+    Some((reset, handover))
+}
 
 impl Record {
     /// An empty record.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            words: [const { AtomicU32::new(0) }; 4],
-            count: [const { AtomicU32::new(0) }; 2],
-            passed_on: [const { AtomicU32::new(0) }; 5],
+            kept: Words::new(),
+            counts: Words::new(),
+            passed_on: Words::new(),
         }
     }
 
     /// Keeps what the application is to know, which the bootloader starts next.
     pub fn pass_on(&self, passed_on: &PassedOn) {
         let PassedOn {
-            start: Start { reset, handover },
+            start: Start {
+                reset, handover, ..
+            },
             bootloader_version,
         } = passed_on;
-        let (session, flags) = match handover {
-            None => (0, 0),
-            Some(handover) if handover.stay_in_bootloader => {
-                (handover.session, HAS_HANDOVER | STAY)
-            }
-            Some(handover) => (handover.session, HAS_HANDOVER),
-        };
-        let first = reset.cause as u32 | flags | u32::from(*bootloader_version) << VERSION_SHIFT;
-        let session = u32::from(session);
-        let (detail, place) = (reset.detail, reset.place);
-        let sum = checksum(first, detail, place) ^ session;
-        let words = [first, detail, place, session, sum];
-        for (word, value) in self.passed_on.iter().zip(words) {
-            word.store(value, Ordering::Relaxed);
-        }
+        self.passed_on
+            .put(encode(reset, *handover, *bootloader_version));
     }
 
     /// What the bootloader has passed on, once; none if no bootloader has started this program.
     pub fn take_passed_on(&self) -> Option<PassedOn> {
-        let [first, detail, place, session, sum] = [0, 1, 2, 3, 4].map(|at: usize| {
-            self.passed_on
-                .get(at)
-                .map_or(0, |word| word.swap(0, Ordering::Relaxed))
-        });
-        if sum != checksum(first, detail, place) ^ session {
-            return None;
-        }
+        let words = self.passed_on.take()?;
+        let [first, ..] = words;
+        let (reset, handover) = decode(words)?;
+        let (count, crashes) = self.counts().unwrap_or_default();
         Some(PassedOn {
             start: Start {
-                reset: Reset {
-                    cause: ResetCause::from_code(first as u8)?,
-                    detail,
-                    place,
-                    count: self.count().unwrap_or(0),
-                },
-                handover: (first & HAS_HANDOVER != 0).then_some(Handover {
-                    session: session as u16,
-                    stay_in_bootloader: first & STAY != 0,
-                }),
+                reset: Reset { count, ..reset },
+                handover,
+                crashes,
             },
             bootloader_version: (first >> VERSION_SHIFT) as u16,
         })
@@ -139,67 +176,59 @@ impl Record {
 
     /// Keeps a cause.
     pub fn set(&self, cause: Cause) {
-        let [kind, a, b] = encode(cause);
-        for (word, value) in self.words.iter().zip([kind, a, b, checksum(kind, a, b)]) {
-            word.store(value, Ordering::Relaxed);
-        }
+        let (reset, handover) = cause.told();
+        self.kept.put(encode(&reset, handover, 0));
     }
 
     /// How this run begins. To be called once for every start, with the cause that the chip tells: it
     /// wins over the record, unless it only says that the program has reset itself.
     pub fn start(&self, hardware: ResetCause) -> Start {
-        let kept = self.take();
-        let before = self.count();
-        let powered_off = matches!(hardware, ResetCause::PowerOn)
+        let kept = self.kept.take().and_then(decode);
+        let before = self.counts();
+        let powered_off = hardware == ResetCause::PowerOn
             || (hardware == ResetCause::Unknown && before.is_none() && kept.is_none());
-        let count = match before {
-            Some(count) if !powered_off => count.saturating_add(1),
-            _ => 0,
-        };
-        self.set_count(count);
         let by_program = matches!(hardware, ResetCause::Requested | ResetCause::Unknown);
-        let (reset, handover) = match kept {
-            Some(cause) if by_program => cause.told(),
+        let (mut reset, handover) = match kept {
+            Some(told) if by_program => told,
             _ if powered_off => (Reset::POWER_ON, None),
             _ => (Reset::first(hardware), None),
         };
+        let mut crashes = Crashes::NONE;
+        if let Some((count, before)) = before
+            && !powered_off
+        {
+            reset.count = count.saturating_add(1);
+            crashes = before.after(reset.cause);
+        }
+        self.put_counts(reset.count, crashes);
         Start {
-            reset: Reset { count, ..reset },
+            reset,
             handover,
+            crashes,
+        }
+    }
+
+    /// The program has shown that it works: failures before this count no more.
+    pub fn healthy(&self) {
+        if let Some((count, _)) = self.counts() {
+            self.put_counts(count, Crashes::NONE);
         }
     }
 
     /// True if memory has been kept since an earlier start: the supply was not off for long.
     #[must_use]
     pub fn survived(&self) -> bool {
-        self.count().is_some()
+        self.counts().is_some()
     }
 
-    /// Restarts since power-on, if the memory was kept.
-    fn count(&self) -> Option<u32> {
-        let [count, sum] = &self.count;
-        let count = count.load(Ordering::Relaxed);
-        (sum.load(Ordering::Relaxed) == checksum(count, 0, 0)).then_some(count)
+    /// Restarts since power-on and failures in a row, if the memory was kept.
+    fn counts(&self) -> Option<(u32, Crashes)> {
+        let [count, crashes, _] = self.counts.get()?;
+        Some((count, Crashes(crashes as u8)))
     }
 
-    fn set_count(&self, value: u32) {
-        let [count, sum] = &self.count;
-        count.store(value, Ordering::Relaxed);
-        sum.store(checksum(value, 0, 0), Ordering::Relaxed);
-    }
-
-    /// The cause that was kept, if there is a valid one; it is forgotten.
-    fn take(&self) -> Option<Cause> {
-        let [kind, a, b, sum] = [0, 1, 2, 3].map(|at: usize| {
-            self.words
-                .get(at)
-                .map_or(0, |word| word.swap(0, Ordering::Relaxed))
-        });
-        if sum == checksum(kind, a, b) {
-            decode([kind, a, b])
-        } else {
-            None
-        }
+    fn put_counts(&self, count: u32, Crashes(crashes): Crashes) {
+        self.counts.put([count, u32::from(crashes), 0]);
     }
 }
 
@@ -232,38 +261,8 @@ impl Default for Record {
     }
 }
 
-const fn checksum(kind: u32, a: u32, b: u32) -> u32 {
-    MAGIC ^ kind ^ a.rotate_left(11) ^ b.rotate_left(22)
-}
-
-const fn encode(cause: Cause) -> [u32; 3] {
-    match cause {
-        Cause::Requested(handover) => [
-            1,
-            handover.session as u32,
-            handover.stay_in_bootloader as u32,
-        ],
-        Cause::Panic { line, file } => [2, line, file],
-        Cause::HardFault { status, address } => [3, status, address],
-        Cause::UnexpectedInterrupt { number } => [4, number, 0],
-        Cause::StackOverflow { status, pointer } => [5, status, pointer],
-        Cause::SupplyLow => [6, 0, 0],
-    }
-}
-
-const fn decode(words: [u32; 3]) -> Option<Cause> {
-    Some(match words {
-        [1, session, stay] => Cause::Requested(Handover {
-            session: session as u16,
-            stay_in_bootloader: stay != 0,
-        }),
-        [2, line, file] => Cause::Panic { line, file },
-        [3, status, address] => Cause::HardFault { status, address },
-        [4, number, _] => Cause::UnexpectedInterrupt { number },
-        [5, status, pointer] => Cause::StackOverflow { status, pointer },
-        [6, ..] => Cause::SupplyLow,
-        _ => return None,
-    })
+const fn checksum(a: u32, b: u32, c: u32) -> u32 {
+    MAGIC ^ a ^ b.rotate_left(11) ^ c.rotate_left(22)
 }
 
 /// FNV-1a of a file's name, to be compared with the names in the sources.
@@ -286,31 +285,52 @@ mod tests {
     #[test]
     fn every_cause_is_read_back_once() {
         let record = Record::new();
-        assert_eq!(record.take(), None);
+        let nothing = record.start(ResetCause::PowerOn);
+        assert_eq!((nothing.reset, nothing.handover), (Reset::POWER_ON, None));
         let handover = Handover {
             session: 0xBEEF,
             stay_in_bootloader: true,
         };
-        for cause in [
-            Cause::Requested(handover),
-            Cause::Panic {
-                line: 7,
-                file: hash("a.rs"),
-            },
-            Cause::HardFault {
-                status: 0x0400,
-                address: 0x2000_0000,
-            },
-            Cause::UnexpectedInterrupt { number: 44 },
-            Cause::SupplyLow,
-            Cause::StackOverflow {
-                status: 0x1000,
-                pointer: 0x1FFF_FFF8,
-            },
+        let [line, file, status, address] = [7, hash("a.rs"), 0x0400, 0x2000_0000];
+        for (cause, told, expected) in [
+            (
+                Cause::Requested(handover),
+                (ResetCause::Requested, 0, 0),
+                Some(handover),
+            ),
+            (
+                Cause::Panic { line, file },
+                (ResetCause::Panic, line, file),
+                None,
+            ),
+            (
+                Cause::HardFault { status, address },
+                (ResetCause::ProcessorFault, status, address),
+                None,
+            ),
+            (
+                Cause::UnexpectedInterrupt { number: 44 },
+                (ResetCause::UnexpectedInterrupt, 44, 0),
+                None,
+            ),
+            (Cause::SupplyLow, (ResetCause::BrownOut, 0, 0), None),
+            (
+                Cause::StackOverflow {
+                    status,
+                    pointer: 0x1FFF_FFF8,
+                },
+                (ResetCause::StackGuard, status, 0x1FFF_FFF8),
+                None,
+            ),
         ] {
             record.set(cause);
-            assert_eq!(record.take(), Some(cause));
-            assert_eq!(record.take(), None);
+            let Start {
+                reset, handover, ..
+            } = record.start(ResetCause::Requested);
+            assert_eq!((reset.cause, reset.detail, reset.place), told);
+            assert_eq!(handover, expected);
+            let again = record.start(ResetCause::Requested);
+            assert_eq!((again.reset.detail, again.handover), (0, None));
         }
     }
 
@@ -393,21 +413,19 @@ mod tests {
             place: 0xFFFF_FFFF,
             count: 0,
         };
-        for handover in [
-            None,
-            Some(Handover {
-                session: 0xFFFF,
-                stay_in_bootloader: false,
-            }),
-            Some(Handover {
-                session: 1,
-                stay_in_bootloader: true,
-            }),
-        ] {
+        let restart = |session, stay_in_bootloader| {
+            let handover = Handover {
+                session,
+                stay_in_bootloader,
+            };
+            (Reset::first(ResetCause::Requested), Some(handover))
+        };
+        for (reset, handover) in [(crashed, None), restart(0xFFFF, false), restart(1, true)] {
             let passed_on = PassedOn {
                 start: Start {
-                    reset: crashed,
+                    reset,
                     handover,
+                    crashes: Crashes::NONE,
                 },
                 bootloader_version: 0xFF09,
             };
@@ -415,17 +433,44 @@ mod tests {
             assert_eq!(record.take_passed_on(), Some(passed_on));
             assert_eq!(record.take_passed_on(), None);
             record.pass_on(&passed_on);
-            record.passed_on[3].fetch_xor(1, Ordering::Relaxed);
+            record.passed_on.0[3].fetch_xor(1, Ordering::Relaxed);
             assert_eq!(record.take_passed_on(), None);
         }
     }
 
     #[test]
+    fn failures_in_a_row_are_counted_until_the_program_works_or_the_power_goes() {
+        let record = Record::new();
+        let crashes = |hardware| record.start(hardware).crashes;
+        assert_eq!(crashes(ResetCause::PowerOn), Crashes::NONE);
+        for expected in 1..=3 {
+            record.set(PANIC);
+            assert_eq!(crashes(ResetCause::Requested), Crashes(expected));
+        }
+        assert_eq!(crashes(ResetCause::Watchdog), Crashes(4));
+        record.healthy();
+        assert_eq!(crashes(ResetCause::Watchdog), Crashes(1));
+        assert_eq!(crashes(ResetCause::PowerOn), Crashes::NONE);
+        assert_eq!(crashes(ResetCause::Watchdog), Crashes(1));
+        assert_eq!(crashes(ResetCause::ResetPin), Crashes::NONE);
+        // Nothing counts in a memory that has lost what it held, and `healthy` makes nothing valid.
+        crashes(ResetCause::Watchdog);
+        record.counts.0[1].store(200, Ordering::Relaxed);
+        record.healthy();
+        assert!(!record.survived());
+        assert_eq!(crashes(ResetCause::Watchdog), Crashes::NONE);
+    }
+
+    #[test]
     fn a_flipped_bit_voids_the_record() {
         let record = Record::new();
+        record.start(ResetCause::PowerOn);
         record.set(Cause::Panic { line: 1, file: 2 });
-        record.words[1].store(3, Ordering::Relaxed);
-        assert_eq!(record.take(), None);
+        record.kept.0[1].store(3, Ordering::Relaxed);
+        assert_eq!(
+            record.start(ResetCause::Requested).reset.cause,
+            ResetCause::Requested
+        );
     }
 
     #[test]

@@ -160,6 +160,10 @@ impl Thread {
                 board.kept().confirm();
                 None
             }
+            Action::Healthy => {
+                board.kept().healthy();
+                None
+            }
             Action::PinTest(test) => {
                 let failed = board.test_pins(test);
                 self.node.pin_test_done(failed);

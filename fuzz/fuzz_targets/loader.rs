@@ -5,12 +5,11 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use libfuzzer_sys::fuzz_target;
 use windlass_core::boot::image::Hardware;
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory, start};
-use windlass_core::boot::slots::{Slot, Slots};
+use windlass_core::boot::slots::{Slot, Slots, Start};
 use windlass_core::boot::status::Reason;
 use windlass_core::frame::Frame;
 use windlass_core::node::{PRODUCT_DMC60C, TxOutcome};
 use windlass_core::params::journal::Journal;
-use windlass_core::reset::ResetCause;
 use windlass_core::time::Instant;
 
 /// Flash of 2 KiB erase units that keeps its rules.
@@ -105,5 +104,5 @@ fuzz_target!(|bytes: &[u8]| {
         }
         let _ = (loader.leds(at), loader.take_reset(), loader.next_deadline());
     }
-    assert!(start(&mut memory, ResetCause::PowerOn, None).start.is_err());
+    assert!(start(&mut memory, &Start::POWER_ON).start.is_err());
 });

@@ -1,5 +1,6 @@
 //! One simulated controller: the real core on a virtual board.
 
+use windlass_core::boot::slots::Start as BootStart;
 use windlass_core::dialect::DialectKind;
 use windlass_core::engine::Engine;
 use windlass_core::engine::snapshot::{Actuation, DriveState, Snapshot};
@@ -8,7 +9,7 @@ use windlass_core::management::wire::ImageType;
 use windlass_core::node::{Action, Handover, Node, NodeConfig, Tag, Transmission, TxOutcome};
 use windlass_core::params::Stored;
 use windlass_core::params::table::ParameterId;
-use windlass_core::reset::{Reset, ResetCause};
+use windlass_core::reset::{Crashes, Reset, ResetCause};
 use windlass_core::time::Instant;
 
 use crate::bus::Station;
@@ -84,6 +85,8 @@ pub struct SimNode {
     image: ImageType,
     /// Why the board runs.
     reset: Reset,
+    /// Failures in a row, in RAM that a reset leaves alone.
+    crashes: Crashes,
     memory: Box<dyn BoardMemory>,
     /// The application hangs, as long as it has since the watchdog was fed last.
     hangs: bool,
@@ -133,6 +136,7 @@ impl SimNode {
             rig: Rig::with_noise(plant, Random::new(seed, stream)),
             image: ImageType::Application,
             reset: Reset::POWER_ON,
+            crashes: Crashes::NONE,
             memory: memory::new(chip, Random::new(seed, stream + 1).next(), &stored),
             hangs: false,
             hung_ticks: 0,
@@ -178,9 +182,13 @@ impl SimNode {
     fn boot(&mut self, now: Instant, handover: Option<Handover>) {
         self.handover = handover;
         self.power = Power::Starting;
+        self.crashes = self.crashes.after(self.reset.cause);
         let start = Start {
-            cause: self.reset.cause,
-            handover,
+            boot: BootStart {
+                cause: self.reset.cause,
+                handover,
+                crashes: self.crashes,
+            },
             seed: self.random.next() as u32,
         };
         self.seed = start.seed;
@@ -367,7 +375,11 @@ impl SimNode {
                 self.memory.save(self.now, node.stored(), may_erase);
             }
             Action::PinTest(test) => node.pin_test_done(self.rig.test_pins(test)),
-            Action::Confirm => self.memory.confirm(self.now),
+            Action::Confirm => {
+                self.crashes = Crashes::NONE;
+                self.memory.confirm(self.now);
+            }
+            Action::Healthy => self.crashes = Crashes::NONE,
             Action::Reset(handover) => self.restart(handover),
         }
     }

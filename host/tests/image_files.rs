@@ -12,8 +12,8 @@ use windlass::image::hex::HexError;
 use windlass::image::memory::Memory;
 use windlass::image::{Contents, FileError, Format, Image, Pages, elf, hex, parse};
 use windlass_core::boot::image::{
-    HEADER_LENGTH, HEADER_OFFSET, Hardware, INFO_LENGTH, INFO_OFFSET, Identity, InfoBlock,
-    LAST_PAGE, MalformedHeader, MalformedInfo, PAGE_SIZE,
+    HEADER_LENGTH, HEADER_OFFSET, Hardware, Header, INFO_LENGTH, INFO_OFFSET, Identity, InfoBlock,
+    LAST_PAGE, MalformedHeader, MalformedInfo, PAGE_SIZE, put_signature,
 };
 use windlass_core::node::PRODUCT_DMC60C;
 
@@ -214,7 +214,7 @@ fn no_flipped_bit_of_header_information_block_or_signature_is_accepted() {
         SLOT,
         &application(IDENTITY, 2 * PAGE_SIZE + 100),
     )]));
-    let header = image.header().to_bytes();
+    let header = image.pages().get(LAST_PAGE).unwrap()[HEADER_OFFSET..].to_vec();
     let info = InfoBlock { identity: IDENTITY }.to_bytes();
     for (format, file) in [
         (Format::Container, image.write(Format::Container).unwrap()),
@@ -543,11 +543,11 @@ fn a_signature_fits_one_image_and_one_key() {
     let mut longer = image(IDENTITY, 2 * PAGE_SIZE + 101);
     assert_eq!(longer.header().pages, signed.header().pages);
     let mut pages: Pages = longer.pages().clone();
-    let signature = signed.header().signature.unwrap();
-    assert!(pages.put(LAST_PAGE, HEADER_OFFSET + 0x40, &signature));
-    let mut header = *longer.header();
-    header.signature = Some(signature);
-    assert!(pages.put(LAST_PAGE, HEADER_OFFSET, &header.to_bytes()));
+    let last = signed.pages().get(LAST_PAGE).unwrap();
+    let signature = Header::signature(last.last_chunk().unwrap());
+    let mut last = *pages.get(LAST_PAGE).unwrap();
+    put_signature(&mut last, signature).unwrap();
+    assert!(pages.put(LAST_PAGE, 0, &last));
     let contents = Contents {
         format: Format::Bin,
         pages,

@@ -3,6 +3,9 @@
 use std::process::{Command, Output};
 
 use serde_json::Value;
+use windlass::image::{Format, Image, parse};
+use windlass_core::boot::image::{Hardware, INFO_OFFSET, Identity, InfoBlock, PAGE_SIZE};
+use windlass_core::node::PRODUCT_DMC60C;
 
 fn windlass(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_windlass"))
@@ -266,12 +269,12 @@ impl Bench {
         }
     }
 
-    fn poke(&self, body: &str) {
+    fn request(&self, what: &str, body: &str) -> Value {
         use std::io::{Read, Write};
         let mut stream = std::net::TcpStream::connect(&self.http).unwrap();
         write!(
             stream,
-            "PATCH /api/sim/nodes/0 HTTP/1.1\r\nHost: bench\r\nContent-Type: application/json\r\n\
+            "{what} HTTP/1.1\r\nHost: bench\r\nContent-Type: application/json\r\n\
              Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
             body.len()
         )
@@ -279,6 +282,16 @@ impl Bench {
         let mut answer = String::new();
         stream.read_to_string(&mut answer).unwrap();
         assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        let (_, body) = answer.split_once("\r\n\r\n").unwrap();
+        serde_json::from_str(body).unwrap()
+    }
+
+    fn poke(&self, body: &str) {
+        self.request("PATCH /api/sim/nodes/0", body);
+    }
+
+    fn transport(&self) -> String {
+        format!("--transport=tcp:{}", self.slcan)
     }
 }
 
@@ -324,4 +337,105 @@ fn row_19_two_quick_commands_clear_sticky_faults() {
         second["sticky_faults"].as_array().unwrap().is_empty(),
         "{second}"
     );
+}
+
+#[test]
+fn a_bench_takes_talons_from_0_to_62_and_refuses_63() {
+    let refused = text(&["sim", "--node", "talon:63"], 2);
+    assert!(
+        refused.contains("'63' is no device number; give 0 to 62"),
+        "{refused}"
+    );
+    let listed = &documents(&["--transport=sim:talon:0,talon:62", "scan"], 0)[0]["devices"];
+    assert_eq!(
+        (&listed[0]["number"], &listed[1]["number"]),
+        (&0.into(), &62.into())
+    );
+}
+
+#[test]
+fn monitor_shows_leds_on_demand() {
+    let bus = "--transport=sim:talon:3,dmc60c:3";
+    let samples = documents(&[bus, "monitor", "talon:3", "--leds", "--seconds", "2"], 0);
+    let colours: Vec<&str> = samples
+        .iter()
+        .filter_map(|sample| sample["leds"]["ring"][0].as_str())
+        .collect();
+    assert!(colours.len() >= 15, "{colours:?}");
+    // Disabled it blinks orange at 1 Hz, brake on (manual 16.3, 4.1).
+    assert!(colours.contains(&"orange") && colours.contains(&"off"));
+    assert!(
+        colours
+            .iter()
+            .all(|colour| ["orange", "off"].contains(colour))
+    );
+    assert_eq!(samples[0]["leds"]["brake"], "red");
+    let shown = text(&[bus, "monitor", "--leds", "--seconds", "0.3"], 0);
+    for kind in ["talon 3", "device 3"] {
+        let line = |line: &&str| line.contains(kind) && line.contains("LEDs o");
+        assert!(shown.lines().any(|shown| line(&shown)), "{shown}");
+    }
+    let silent = documents(&[bus, "monitor", "talon:3", "--seconds", "0.3"], 0);
+    assert!(silent.iter().all(|sample| sample["leds"].is_null()));
+}
+
+#[test]
+fn the_api_shows_leds_and_frames_of_a_talon() {
+    let bench = Bench::start();
+    documents(&[&bench.transport(), "param", "get", "talon:3", "Leds"], 0);
+    let node = bench.request("GET /api/sim/nodes/0", "");
+    assert_eq!(node["leds"]["brake"], "red");
+    assert!(["orange", "off"].contains(&node["leds"]["ring"][0].as_str().unwrap()));
+    let trace = bench.request("GET /api/sim/trace?since=0&limit=10000&decode=true", "");
+    let frames = trace.as_array().unwrap().iter();
+    let texts: Vec<&str> = frames.filter_map(|frame| frame["text"].as_str()).collect();
+    for start in [
+        "ENUMRSP0 talon #3: session",
+        "STATUS_1 talon #3: no drive",
+        "PARAMRESP talon #3: paramLeds",
+    ] {
+        let found = texts.iter().any(|text| text.starts_with(start));
+        assert!(found, "{start}: {texts:#?}");
+    }
+}
+
+#[test]
+fn row_10_without_firmware_the_tool_shows_the_bootloader_and_255_255() {
+    let bench = Bench::start();
+    let bus = format!("tcp:{}", bench.slcan).parse::<windlass::transport::Transport>();
+    let mut client = windlass::client::Client::new(bus.unwrap().open().unwrap());
+    let device = client.find(&"talon:3".parse().unwrap()).unwrap();
+    let address = client.enter_bootloader(device.address).unwrap();
+    // The first page of an update voids the application.
+    let identity = Identity {
+        product: PRODUCT_DMC60C,
+        hardware: Hardware::F405.id,
+        version: 0x0203,
+        rollback: 0,
+    };
+    let mut bytes = vec![0; PAGE_SIZE];
+    let info = InfoBlock { identity }.to_bytes();
+    bytes[INFO_OFFSET..INFO_OFFSET + info.len()].copy_from_slice(&info);
+    let image = Image::packed(parse(Format::Bin, &bytes).unwrap()).unwrap();
+    let (number, page) = image.pages().iter().last().unwrap();
+    let patience = std::time::Duration::from_secs(10);
+    let code = client.write_page(address, number, page, patience).unwrap();
+    assert_eq!(code, Some(0));
+    drop(client);
+    let bus = bench.transport();
+    let listed = &documents(&[&bus, "scan"], 0)[0]["devices"][0];
+    for (field, value) in [
+        ("image", "bootloader"),
+        ("application_version", "255.255"),
+        ("dialect", "talon"),
+    ] {
+        assert_eq!(listed[field], value, "{field}");
+    }
+    let shown = text(&[&bus, "info", "talon:3"], 0);
+    assert!(
+        shown.contains("bootloader") && shown.contains("255.255"),
+        "{shown}"
+    );
+    text(&[&bus, "id", "set", "talon:3", "7"], 0);
+    assert_eq!(bench.request("GET /api/sim/nodes/0", "")["number"], 7);
 }

@@ -8,7 +8,7 @@ use windlass_core::boot::image::{
     PAGE_SIZE, Page, ReadPages, pack, pages_of,
 };
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory, start};
-use windlass_core::boot::slots::{Slot, Slots};
+use windlass_core::boot::slots::{Slot, Slots, Start};
 use windlass_core::boot::status::{BootStatus, Reason};
 use windlass_core::crc::page_transfer;
 use windlass_core::frame::Frame;
@@ -18,7 +18,7 @@ use windlass_core::management::wire::{VendorCommand, VendorStatus, id};
 use windlass_core::node::{Handover, PRODUCT_DMC60C};
 use windlass_core::params::Stored;
 use windlass_core::params::journal::Journal;
-use windlass_core::reset::ResetCause;
+use windlass_core::reset::{Crashes, ResetCause};
 use windlass_core::time::Instant;
 use windlass_sim::nor::{Geometry, NorChip, Partition, Region, STM32F405, STM32G431, STM32G474};
 
@@ -118,6 +118,8 @@ pub struct Bench<const W: usize, const S: usize, const J: usize> {
     /// What runs; nothing without power.
     pub running: Option<Running>,
     handover: Option<Handover>,
+    /// Failures in a row, in RAM that a reset leaves alone.
+    crashes: Crashes,
     /// Frames that the loader has sent and nobody has read.
     sent: Vec<Frame>,
 }
@@ -170,6 +172,7 @@ impl<const W: usize, const S: usize, const J: usize> Bench<W, S, J> {
             journal,
             running: None,
             handover: None,
+            crashes: Crashes::NONE,
             sent: Vec::new(),
         };
         bench.reset(ResetCause::PowerOn);
@@ -192,7 +195,15 @@ impl<const W: usize, const S: usize, const J: usize> Bench<W, S, J> {
             journal: &mut self.journal,
             settings: &mut self.settings,
         };
-        let booted = start(&mut memory, cause, handover);
+        self.crashes = self.crashes.after(cause);
+        let booted = start(
+            &mut memory,
+            &Start {
+                cause,
+                handover,
+                crashes: self.crashes,
+            },
+        );
         let running = match booted.start {
             Ok(header) => Running::Application(header),
             Err(reason) => {
@@ -400,6 +411,7 @@ impl<const W: usize, const S: usize, const J: usize> Bench<W, S, J> {
     /// The running application has answered a host.
     pub fn application_answers(&mut self) {
         if let Some(Running::Application(_)) = self.running {
+            self.crashes = Crashes::NONE;
             // Without power it fails, and that is what is tested.
             let _ = self.slots.application.confirm();
             if !self.chip.is_powered() {

@@ -107,6 +107,13 @@ fn row_94_a_start_up_frame_comes_once_after_a_reset() {
 
 #[test]
 fn row_34_status_comes_unsolicited_in_every_mode() {
+    // Nobody else has said anything: a disabled robot sends nothing.
+    let silent = TalonBench::new(&["talon:3"]);
+    silent.run(700);
+    for (id, count) in [(id::STATUS_1, 99), (id::STATUS_2, 49), (id::STATUS_4, 9)] {
+        let seen = silent.frames(0, id, 3).len();
+        assert!(seen.abs_diff(count) <= 2, "{id:#x}: {seen}");
+    }
     let (bench, talon) = TalonBench::enabled();
     for mode in [
         ControlMode::PercentVbus,

@@ -1,7 +1,7 @@
 //! The bootloader's page protocol and the life of an image, on every chip.
 
 use windlass_core::boot::image::{Hardware, LAST_PAGE, PAGE_SIZE};
-use windlass_core::boot::slots::Refresh;
+use windlass_core::boot::slots::{CRASH_LIMIT, Refresh};
 use windlass_core::boot::status::Reason;
 use windlass_core::management::vendor::{Command, CommandCode};
 use windlass_core::reset::ResetCause;
@@ -270,11 +270,55 @@ on_every_chip!(a_confirmed_image_is_never_replaced_by_failures, bench, {
     let new = Image::small(&bench.hardware, 0x0118, &[0, 2]);
     install(&mut bench, &old);
     install(&mut bench, &new);
-    for _ in 0..10 {
+    for _ in 0..50 {
+        bench.reset(ResetCause::Watchdog);
+        assert_eq!(bench.version(), Some(0x0118));
+        bench.application_answers();
+    }
+    for _ in 0..50 {
+        bench.reset(ResetCause::Watchdog);
+        assert!(bench.holds(&new));
+        assert!(matches!(bench.version(), Some(0x0118) | None));
+    }
+});
+
+on_every_chip!(
+    a_confirmed_image_that_crashes_at_each_start_can_be_replaced_over_the_bus,
+    bench,
+    {
+        let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);
+        let new = Image::small(&bench.hardware, 0x0118, &[0, 2]);
+        install(&mut bench, &old);
+        let fail = |bench: &mut Bench<_, _, _>, times: u8| {
+            for _ in 0..times {
+                assert_eq!(bench.version(), Some(0x0117));
+                bench.reset(ResetCause::Panic);
+            }
+        };
+        bench.power_cycle();
+        fail(&mut bench, CRASH_LIMIT);
+        assert_eq!(reason(&bench), Some(Reason::CrashLoop));
+        assert_eq!(bench.status().unwrap().reason, Reason::CrashLoop);
+        assert_eq!(bench.status().unwrap().application, 0x0117);
+        // The bootloader's own resets by watchdog change nothing.
+        bench.reset(ResetCause::Watchdog);
+        assert_eq!(reason(&bench), Some(Reason::CrashLoop));
+        // A loss of power and an order try the application again, as often as before.
+        bench.power_cycle();
+        fail(&mut bench, CRASH_LIMIT);
+        assert_eq!(reason(&bench), Some(Reason::CrashLoop));
+        bench.soft_reset();
+        fail(&mut bench, CRASH_LIMIT);
+        assert_eq!(reason(&bench), Some(Reason::CrashLoop));
+        // Another one can be sent, which works.
+        assert_eq!(bench.send_image(&new), Some(CommandCode::NoError));
+        bench.soft_reset();
+        bench.application_answers();
+        assert_eq!(bench.version(), Some(0x0118));
         bench.reset(ResetCause::Watchdog);
         assert_eq!(bench.version(), Some(0x0118));
     }
-});
+);
 
 on_every_chip!(the_fallback_is_put_back_by_command, bench, {
     let old = Image::small(&bench.hardware, 0x0117, &[0, 1]);

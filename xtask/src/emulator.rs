@@ -2,7 +2,7 @@
 
 use std::env;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::board::{self, Board};
@@ -99,12 +99,13 @@ pub(crate) fn test_image(
         .env("WINDLASS_BOOTLOADER", bootloader)
         .env("WINDLASS_SLOT", files.slot)
         .env("WINDLASS_BINARY", files.binary)
+        .env("WINDLASS_COMMAND", host_command()?)
         .env("WINDLASS_XTASK", env::current_exe().unwrap_or_default())
         .env("WINDLASS_FIGURES", &figures)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
     if names.is_empty() {
-        tests.args(["test_firmware", "test_bootloader"]);
+        tests.args(["test_firmware", "test_bootloader", "test_host"]);
     } else {
         tests.args(names);
     }
@@ -112,6 +113,21 @@ pub(crate) fn test_image(
     fs::read_to_string(&figures)
         .map(|text| Figures::parse(&text))
         .map_err(failed)
+}
+
+/// Builds the `windlass` command, as cargo builds it for this machine, and gives its file.
+fn host_command() -> Result<PathBuf, Error> {
+    let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let folder =
+        env::var_os("CARGO_TARGET_DIR").map_or_else(|| crate::root().join("target"), PathBuf::from);
+    let mut build = Command::new(cargo);
+    build
+        .current_dir(crate::root())
+        .args(["build", "--quiet", "--package", "windlass"])
+        .args(["--bin", "windlass", "--target-dir"])
+        .arg(&folder);
+    checked("cargo", &mut build, "does the host's tool build?")?;
+    Ok(folder.join("debug/windlass"))
 }
 
 #[cfg(test)]

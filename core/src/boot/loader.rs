@@ -11,7 +11,7 @@ use core::borrow::BorrowMut;
 use embedded_storage::nor_flash::NorFlash;
 
 use super::image::{PAGE_SIZE, Page};
-use super::slots::{Booted, Slots, boot};
+use super::slots::{Booted, Slots, Start, boot};
 use super::status::Reason;
 use super::trust::{KEY_LENGTH, SIGNED_KEY_LENGTH, Trust};
 use super::updater::{TRANSFER_SIZE, Updater};
@@ -25,10 +25,8 @@ use crate::management::{
     Answer, Decoded, ENUMERATION_ATTEMPTS, Identity, Management, Request, SessionIds,
 };
 use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
-use crate::params::journal::{Change, Content, Journal, Key};
-use crate::params::store::{Descriptors, Text};
+use crate::params::journal::{Change, Journal, Key};
 use crate::params::table::ParameterId;
-use crate::reset::ResetCause;
 use crate::time::Instant;
 
 /// The memory that the bootloader works on, each part a flash region of its own. The bootloader's own
@@ -44,8 +42,12 @@ pub struct Memory<'a, A, F, J> {
 }
 
 impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
-    fn save<C: Content>(&mut self, content: &C) -> CommandCode {
-        match self.journal.save(self.settings, content, true) {
+    fn save(&mut self, key: Key, value: &[u8]) -> CommandCode {
+        let change = Change {
+            key,
+            value: Some(value),
+        };
+        match self.journal.save(self.settings, &change, true) {
             Ok(_) => CommandCode::NoError,
             Err(_) => CommandCode::FlashWriteFailed,
         }
@@ -66,16 +68,6 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
             _ => 0,
         };
         DialectKind::from_code(code).unwrap_or(DialectKind::Dmc60c)
-    }
-
-    fn descriptors(&mut self) -> Descriptors {
-        let mut descriptors = Descriptors::default();
-        for which in Descriptor::ALL {
-            if let Some(text) = self.journal.get(self.settings, Key::text(which)) {
-                descriptors.set(which, &text);
-            }
-        }
-        descriptors
     }
 
     fn rollback(&mut self) -> u32 {
@@ -102,18 +94,14 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
 /// Decides what runs, see [`boot`], and keeps the anti-rollback counter of a confirmed image.
 pub fn start<A: NorFlash, F: NorFlash, J: NorFlash>(
     memory: &mut Memory<'_, A, F, J>,
-    cause: ResetCause,
-    handover: Option<Handover>,
+    start: &Start,
 ) -> Booted {
-    let booted = boot(memory.slots, cause, handover);
+    let booted = boot(memory.slots, start);
     if let (Ok(header), true) = (booted.start, booted.confirmed) {
         let rollback = header.identity.rollback;
         if rollback > memory.rollback() {
             // If that fails, the next boot tries again.
-            let _ = memory.save(&Change {
-                key: Key::ROLLBACK,
-                value: Some(&rollback.to_le_bytes()),
-            });
+            let _ = memory.save(Key::ROLLBACK, &rollback.to_le_bytes());
         }
     }
     booted
@@ -143,13 +131,6 @@ enum Purpose {
     Key(usize),
 }
 
-/// Work with the memory that a frame has asked for.
-#[derive(Clone, Debug)]
-enum Work {
-    Request(Request),
-    Transferred(Purpose),
-}
-
 /// The bootloader on the bus.
 #[derive(Clone, Debug)]
 pub struct Loader<P = Page> {
@@ -160,7 +141,8 @@ pub struct Loader<P = Page> {
     number: u8,
     style: Style,
     purpose: Purpose,
-    work: Option<Work>,
+    /// Asked for by the last frame, and done with the memory.
+    work: Option<Request>,
     reset: Option<Handover>,
     identify_since: Option<Instant>,
     sessions: SessionIds,
@@ -253,7 +235,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
             Request::Data(chunk) => {
                 self.updater.take(chunk.offset, chunk.frame.data());
                 if chunk.is_last {
-                    self.work = Some(Work::Transferred(self.purpose));
+                    self.work = Some(request);
                 }
             }
             // Neither answered by a bootloader nor decoded by its management channel.
@@ -262,7 +244,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
             Request::FactoryReset { .. } | Request::PinTest(_) => {
                 self.management.finish(CommandCode::NotSupported);
             }
-            request => self.work = Some(Work::Request(request)),
+            _ => self.work = Some(request),
         }
     }
 
@@ -298,79 +280,82 @@ impl<P: BorrowMut<Page>> Loader<P> {
         &mut self,
         memory: &mut Memory<'_, A, F, J>,
     ) -> bool {
-        let Some(work) = self.work.take() else {
+        let Some(request) = self.work.take() else {
             return false;
         };
-        match work {
-            Work::Transferred(Purpose::Page(page)) => {
-                let code = self.updater.write(memory.slots, &self.trust, page);
-                self.management.finish(code);
+        let code = match request {
+            Request::Data(_) => match self.purpose {
+                Purpose::Page(page) => self.updater.write(memory.slots, &self.trust, page),
+                Purpose::Key(length) => self.install_key(memory, length),
+            },
+            Request::SetNumber(number) => {
+                let code = memory.save(Key::NUMBER, &[number]);
+                if code == CommandCode::NoError {
+                    self.number = number;
+                }
+                code
             }
-            Work::Transferred(Purpose::Key(length)) => self.install_key(memory, length),
-            Work::Request(request) => self.do_request(memory, &request),
-        }
+            Request::SetDescriptor(which) => {
+                let text = self.management.text();
+                memory.save(Key::text(which), clipped(which, text))
+            }
+            Request::RestoreFallback => self.updater.restore(memory.slots),
+            _ => {
+                self.tell(memory, request);
+                return true;
+            }
+        };
+        self.management.finish(code);
         true
     }
 
-    fn do_request<A: NorFlash, F: NorFlash, J: NorFlash>(
+    /// Answers a question.
+    fn tell<A: NorFlash, F: NorFlash, J: NorFlash>(
         &mut self,
         memory: &mut Memory<'_, A, F, J>,
-        request: &Request,
+        request: Request,
     ) {
+        let answer = self.management.clear();
         match request {
-            Request::SetNumber(number) => {
-                let code = memory.save(&Change {
-                    key: Key::NUMBER,
-                    value: Some(&[*number]),
-                });
-                if code == CommandCode::NoError {
-                    self.number = *number;
+            Request::GetDescriptors => {
+                for which in Descriptor::ALL {
+                    let stored = memory.journal.get(memory.settings, Key::text(which));
+                    let text = stored.as_deref().map(|text| clipped(which, text));
+                    answer.put_descriptor(which, text);
                 }
-                self.management.finish(code);
             }
-            Request::SetDescriptor(which, text) => {
-                let code = set_descriptor(memory, *which, text);
-                self.management.finish(code);
+            Request::GetSequence => {
+                answer.put(&memory.journal.sequence().to_le_bytes());
             }
-            Request::GetDescriptors => self.management.send_descriptors(&memory.descriptors()),
-            Request::GetSequence => self.management.send_sequence(memory.journal.sequence()),
             Request::GetPageCrcs => {
-                let crcs = memory.slots.application.stored_crcs();
-                self.management.send_page_crcs(&crcs);
-            }
-            Request::RestoreFallback => {
-                let code = self.updater.restore(memory.slots);
-                self.management.finish(code);
+                for crc in memory.slots.application.stored_crcs() {
+                    answer.put(&crc.to_le_bytes());
+                }
             }
             Request::GetBootStatus => {
                 let reason = self.config.reason;
                 let status = self.updater.status(memory.slots, &self.trust, reason);
-                self.management.send_boot_status(&status);
+                answer.put(&status.to_bytes());
             }
-            _ => {}
+            _ => return,
         }
+        answer.send();
     }
 
     fn install_key<A: NorFlash, F: NorFlash, J: NorFlash>(
         &mut self,
         memory: &mut Memory<'_, A, F, J>,
         length: usize,
-    ) {
+    ) -> CommandCode {
         let order = self.updater.data().get(..length).unwrap_or(&[]);
-        let code = match self.trust.admits_key(order) {
-            None => CommandCode::KeyRefused,
-            Some(key) => {
-                let code = memory.save(&Change {
-                    key: Key::SIGNING_KEY,
-                    value: Some(&key),
-                });
-                if code == CommandCode::NoError {
-                    self.trust.key = Some(key);
-                }
-                code
-            }
+        let Some(key) = self.trust.admits_key(order) else {
+            return CommandCode::KeyRefused;
         };
-        self.management.finish(code);
+        let code = memory.save(Key::SIGNING_KEY, &key);
+        if code == CommandCode::NoError {
+            self.trust.key = Some(key);
+        }
+        code
     }
 
     /// The controller has become error passive or bus-off and has flushed its transmit queue.
@@ -458,13 +443,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
     }
 }
 
-fn set_descriptor<A: NorFlash, F: NorFlash, J: NorFlash>(
-    memory: &mut Memory<'_, A, F, J>,
-    which: Descriptor,
-    text: &Text,
-) -> CommandCode {
-    memory.save(&Change {
-        key: Key::text(which),
-        value: Some(text.get(..which.capacity().min(text.len())).unwrap_or(&[])),
-    })
+/// A descriptor as far as it counts.
+fn clipped(which: Descriptor, text: &[u8]) -> &[u8] {
+    text.get(..which.capacity()).unwrap_or(text)
 }

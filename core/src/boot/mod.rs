@@ -9,3 +9,6 @@ pub mod slots;
 pub mod status;
 pub mod trust;
 pub mod updater;
+
+#[cfg(test)]
+mod tests;

@@ -18,11 +18,13 @@ pub enum Reason {
     TrialFailed = 5,
     /// An image was to be put back from the fallback slot, and writing failed.
     RestoreFailed = 6,
+    /// The confirmed image has failed eight times in a row before it answered.
+    CrashLoop = 7,
 }
 
 impl Reason {
     /// Every reason with its description, in the order of the codes.
-    pub const TABLE: [(Self, &'static str); 7] = [
+    pub const TABLE: [(Self, &'static str); 8] = [
         (Self::Application, "the application runs"),
         (Self::Requested, "the bootloader was asked for"),
         (Self::Empty, "there is no application"),
@@ -33,6 +35,10 @@ impl Reason {
             "the application failed its trial and there is no other one",
         ),
         (Self::RestoreFailed, "restoring the fallback image failed"),
+        (
+            Self::CrashLoop,
+            "the application fails again and again before it answers",
+        ),
     ];
 
     /// The reason of a code.
@@ -100,7 +106,10 @@ impl BootStatus {
             f0,
             f1,
         ];
+        let mut bytes = [0; STATUS_LENGTH];
         let words = [
+            u32::from_le_bytes([first[0], first[1], first[2], first[3]]),
+            u32::from_le_bytes([first[4], first[5], first[6], first[7]]),
             self.rollback,
             self.stored,
             self.wanted,
@@ -108,12 +117,8 @@ impl BootStatus {
             self.hardware,
             self.room,
         ];
-        let mut bytes = [0; STATUS_LENGTH];
-        let source = first
-            .into_iter()
-            .chain(words.into_iter().flat_map(u32::to_le_bytes));
-        for (to, from) in bytes.iter_mut().zip(source) {
-            *to = from;
+        for (place, word) in bytes.as_chunks_mut().0.iter_mut().zip(&words) {
+            *place = word.to_le_bytes();
         }
         bytes
     }

@@ -26,19 +26,15 @@ use wire::{
     ParameterResponse, ParameterSet, VendorCommand, VendorStatus, id,
 };
 
-use crate::boot::image::PAGE_COUNT;
-use crate::boot::status::BootStatus;
 use crate::dialect::{Bad, Outcome, Request as ParameterQuery};
 use crate::frame::Frame;
 use crate::frc_id::{base, number, with_number};
-use crate::params::store::{Descriptors, Text};
+use crate::params::store::Descriptors;
 use crate::time::Instant;
 
-/// Capacity for bulk data to the device: the longest string with its terminator.
-const DATA_OUT_CAPACITY: usize = crate::params::store::TEXT_CAPACITY + 1;
-
-/// Capacity for bulk data to the host: all six descriptors with identifier and length each.
-const DATA_IN_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
+/// Capacity for bulk data: to the host all six descriptors with identifier and length each; to the device the longest
+/// string with its terminator is less.
+const DATA_CAPACITY: usize = 64 + 28 + 28 + 20 + 8 + 12 + 6 * 2;
 
 /// Parameter answers that may wait for the bus at one time. Requests have the higher priority on the bus, so
 /// a host that asks for every parameter in one burst gets its first answer after its last question.
@@ -50,27 +46,20 @@ const ANSWER_CAPACITY: usize = 96;
 pub const ENUMERATION_ATTEMPTS: u8 = 1;
 
 /// Bulk data transfer of a vendor command.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 enum Transfer {
     #[default]
     None,
-    /// Data to the device.
-    Out {
-        which: Descriptor,
-        expected: usize,
-        data: Vec<u8, DATA_OUT_CAPACITY>,
-    },
+    /// A text to the device.
+    Text { which: Descriptor, expected: usize },
     /// Data to the device that its owner keeps.
     Chunks { expected: usize, received: usize },
     /// Data to the host.
-    In {
-        data: Vec<u8, DATA_IN_CAPACITY>,
-        sent: usize,
-    },
+    In { sent: usize },
 }
 
 /// State of the management channel. `ANSWERS` is the number of parameter answers that may wait for the bus;
-/// a bootloader, which has no parameters, needs none.
+/// a bootloader has no parameters, and one place that it never uses.
 #[derive(Clone, Debug)]
 pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
     session: Option<u16>,
@@ -81,6 +70,8 @@ pub struct Management<const ANSWERS: usize = ANSWER_CAPACITY> {
     /// The answer of the latest command comes when what it has changed is written.
     deferred: bool,
     transfer: Transfer,
+    /// What is transferred, except chunks.
+    data: Vec<u8, DATA_CAPACITY>,
     answers: Deque<ParameterResponse, ANSWERS>,
 }
 
@@ -96,6 +87,7 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
             status: None,
             deferred: false,
             transfer: Transfer::None,
+            data: Vec::new(),
             answers: Deque::new(),
         }
     }
@@ -116,16 +108,20 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         *self = Self::new(self.image, self.identity);
     }
 
+    /// Only an application has parameters, and only where their answers have a place.
+    fn has_parameters(&self) -> bool {
+        ANSWERS > 1 && self.image == ImageType::Application
+    }
+
     /// True for the identifiers that [`Management::decode`] knows. `own` is the present device number.
     #[must_use]
     pub fn accepts(&self, own: u8, frame: &Frame) -> bool {
+        let has_parameters = self.has_parameters();
         self.guide_identifier(frame)
             .is_some_and(|id| match base(id) {
                 id::ENUMERATE => true,
                 id::VENDOR_COMMAND | id::VENDOR_DATA_OUT => number(id) == own,
-                id::PARAMETER_REQUEST | id::PARAMETER_SET => {
-                    number(id) == own && self.image == ImageType::Application
-                }
+                id::PARAMETER_REQUEST | id::PARAMETER_SET => number(id) == own && has_parameters,
                 _ => false,
             })
     }
@@ -141,12 +137,11 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         let Some(id) = self.guide_identifier(frame) else {
             return Decoded::NotMine;
         };
-        let is_application = self.image == ImageType::Application;
         match base(id) {
             id::ENUMERATE if frame.is_remote() => Decoded::Bad(Bad::Remote),
             id::ENUMERATE => Decoded::Request(Request::Enumerate),
             _ if number(id) != own => Decoded::NotMine,
-            id::PARAMETER_REQUEST | id::PARAMETER_SET if !is_application => Decoded::NotMine,
+            id::PARAMETER_REQUEST | id::PARAMETER_SET if !self.has_parameters() => Decoded::NotMine,
             id::VENDOR_COMMAND
             | id::VENDOR_DATA_OUT
             | id::PARAMETER_REQUEST
@@ -217,11 +212,8 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
                 if expected == 0 || expected > which.capacity() + 1 {
                     self.finish(CommandCode::BadParameter);
                 } else {
-                    self.transfer = Transfer::Out {
-                        which,
-                        expected,
-                        data: Vec::new(),
-                    };
+                    self.data.clear();
+                    self.transfer = Transfer::Text { which, expected };
                 }
                 return Decoded::Done;
             }
@@ -276,31 +268,32 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
                 is_last: received == expected,
             }));
         }
-        let Transfer::Out {
-            which,
-            expected,
-            data,
-        } = &mut self.transfer
-        else {
+        let Transfer::Text { which, expected } = self.transfer else {
             return Decoded::Bad(Bad::Unexpected);
         };
-        if data.len() + bytes.len() > *expected || data.extend_from_slice(bytes).is_err() {
+        // The capacity is larger than any text, and a frame that goes beyond the text ends it.
+        let taken = self.data.extend_from_slice(bytes);
+        if self.data.len() > expected || taken.is_err() {
             self.transfer = Transfer::None;
             self.finish(CommandCode::DataReceivedMore);
             return Decoded::Done;
         }
-        if data.len() < *expected {
+        if self.data.len() < expected {
             return Decoded::Done;
         }
-        // The last byte is the terminator, whatever was sent in its place.
-        let end = data
-            .iter()
-            .position(|byte| *byte == 0)
-            .unwrap_or(*expected - 1);
-        let text = Text::from_slice(data.get(..end).unwrap_or(&[])).unwrap_or_default();
-        let request = Request::SetDescriptor(*which, text);
         self.transfer = Transfer::None;
-        Decoded::Request(request)
+        // The last byte is the terminator, whatever was sent in its place.
+        self.data.pop();
+        Decoded::Request(Request::SetDescriptor(which))
+    }
+
+    /// The text of [`Request::SetDescriptor`], until the next frame.
+    #[must_use]
+    pub fn text(&self) -> &[u8] {
+        self.data
+            .split(|byte| *byte == 0)
+            .next()
+            .unwrap_or_default()
     }
 
     /// Ends a vendor command with a code and no data.
@@ -335,53 +328,52 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         });
     }
 
-    /// Ends a vendor command with data for the host.
-    fn send(&mut self, data: Vec<u8, DATA_IN_CAPACITY>) {
-        let byte_count = data.len() as u16;
-        self.status = Some(VendorStatus {
-            code: CommandCode::NoError as u16,
-            byte_count,
-        });
-        self.transfer = Transfer::In { data, sent: 0 };
+    /// Ends a vendor command with data for the host: [`Management::put`] them, then [`Management::send`].
+    pub fn clear(&mut self) -> &mut Self {
+        self.data.clear();
+        self
     }
 
-    /// Sends the descriptors as a stream of identifier, length and text.
-    pub fn send_descriptors(&mut self, descriptors: &Descriptors) {
-        let mut data = Vec::new();
-        for which in Descriptor::ALL {
-            let text = descriptors.stored(which);
-            let text = text.unwrap_or(self.identity.default_text(which).as_bytes());
-            // The capacity is the sum of all longest texts, so nothing is ever cut here.
-            let _ = data.push(which as u8);
-            let _ = data.push(text.len() as u8);
-            let _ = data.extend_from_slice(text);
+    /// Adds data for the host; what is beyond the capacity, which is that of all six descriptors, is dropped.
+    pub fn put(&mut self, bytes: &[u8]) -> &mut Self {
+        for byte in bytes {
+            let _ = self.data.push(*byte);
         }
-        self.send(data);
+        self
+    }
+
+    /// Adds a descriptor as identifier, length and text (`vcmdGetDescriptors`); `stored` is what has been set.
+    pub fn put_descriptor(&mut self, which: Descriptor, stored: Option<&[u8]>) {
+        let text = stored.unwrap_or(self.identity.default_text(which).as_bytes());
+        self.put(&[which as u8, text.len() as u8]).put(text);
+    }
+
+    /// Sends the descriptors.
+    pub fn send_descriptors(&mut self, descriptors: &Descriptors) {
+        self.clear();
+        for which in Descriptor::ALL {
+            self.put_descriptor(which, descriptors.stored(which));
+        }
+        self.send();
+    }
+
+    /// Sends the data that were put.
+    pub fn send(&mut self) {
+        self.status = Some(VendorStatus {
+            code: CommandCode::NoError as u16,
+            byte_count: self.data.len() as u16,
+        });
+        self.transfer = Transfer::In { sent: 0 };
     }
 
     /// Sends the firmware versions (`FWVERRSP`).
     pub fn send_versions(&mut self, versions: FirmwareVersions) {
-        self.send(Vec::from_slice(&versions.to_bytes()).unwrap_or_default());
+        self.clear().put(&versions.to_bytes()).send();
     }
 
     /// Sends the flash sequence number, low byte first.
     pub fn send_sequence(&mut self, sequence: u32) {
-        self.send(Vec::from_slice(&sequence.to_le_bytes()).unwrap_or_default());
-    }
-
-    /// Sends the state of the slots (`vcmdGetBootStatus`).
-    pub fn send_boot_status(&mut self, status: &BootStatus) {
-        self.send(Vec::from_slice(&status.to_bytes()).unwrap_or_default());
-    }
-
-    /// Sends the CRC of every page, low byte first (`vcmdGetPageCrcs`).
-    pub fn send_page_crcs(&mut self, crcs: &[u32; PAGE_COUNT as usize]) {
-        let mut data = Vec::new();
-        for crc in crcs {
-            // 31 times 4 bytes are less than the capacity.
-            let _ = data.extend_from_slice(&crc.to_le_bytes());
-        }
-        self.send(data);
+        self.clear().put(&sequence.to_le_bytes()).send();
     }
 
     /// Answers a parameter request; false if too many answers are waiting.
@@ -434,7 +426,9 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         if let Some(frame) = self.data_in(own) {
             return Some((frame, Answer::Other));
         }
-        if let Some(response) = self.answers.pop_front() {
+        if self.has_parameters()
+            && let Some(response) = self.answers.pop_front()
+        {
             return Some((response.emit(own), Answer::Other));
         }
         match self.enumeration {
@@ -456,15 +450,15 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
     }
 
     fn data_in(&mut self, own: u8) -> Option<Frame> {
-        let Transfer::In { data, sent } = &mut self.transfer else {
+        let Transfer::In { sent } = &mut self.transfer else {
             return None;
         };
-        let rest = data.get(*sent..)?;
+        let rest = self.data.get(*sent..)?;
         let chunk = rest.get(..rest.len().min(8))?;
         let id = with_number(id::VENDOR_DATA_IN, own);
         let frame = Frame::new(embedded_can::ExtendedId::new(id)?, chunk)?;
         *sent += chunk.len();
-        if *sent >= data.len() {
+        if *sent >= self.data.len() {
             self.transfer = Transfer::None;
         }
         Some(frame)

@@ -3,10 +3,9 @@
 use super::vendor::{Descriptor, PinTest};
 use crate::dialect::{Bad, Request as ParameterQuery};
 use crate::frame::Frame;
-use crate::params::store::Text;
 
 /// A request of the host, checked, to be executed by the node.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Enumerate.
     Enumerate,
@@ -14,8 +13,8 @@ pub enum Request {
     Parameter(ParameterQuery),
     /// Store the device number, one that the [`Identity`](super::Identity) allows.
     SetNumber(u8),
-    /// Store a descriptor.
-    SetDescriptor(Descriptor, Text),
+    /// Store a descriptor: [`Management::text`](super::Management::text).
+    SetDescriptor(Descriptor),
     /// Put the settings back to their defaults; `all`: device number and strings as well.
     FactoryReset {
         /// Device number and every string too, not only parameters, faults and the device's name.
@@ -66,7 +65,7 @@ pub struct Chunk {
 }
 
 /// What a frame turned out to be.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decoded {
     /// Not for the management channel.
     NotMine,

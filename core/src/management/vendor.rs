@@ -36,74 +36,58 @@ pub enum Command {
     InstallKey,
 }
 
-impl Command {
-    /// Every command with its code and its name in the guide ("Vendor Commands", "Commands"); 0xE0 to 0xEF
-    /// are this project's own (docs/updates.md).
-    pub const TABLE: [(u16, &'static str, Self); 21] = [
-        (0x01, "vcmdSetDevNumber", Self::SetDeviceNumber),
-        (
-            0x02,
-            "vcmdSetDevName",
-            Self::SetDescriptor(Descriptor::DeviceName),
-        ),
-        (
-            0x03,
-            "vcmdSetManName",
-            Self::SetDescriptor(Descriptor::ManufacturerName),
-        ),
-        (
-            0x04,
-            "vcmdSetProdName",
-            Self::SetDescriptor(Descriptor::ProductName),
-        ),
-        (
-            0x05,
-            "vcmdSetManDate",
-            Self::SetDescriptor(Descriptor::ManufactureDate),
-        ),
-        (
-            0x06,
-            "vcmdSetHardwareVer",
-            Self::SetDescriptor(Descriptor::HardwareVersion),
-        ),
-        (
-            0x07,
-            "vcmdSetSN",
-            Self::SetDescriptor(Descriptor::SerialNumber),
-        ),
-        (0x50, "vcmdFlashLEDS", Self::FlashLeds),
-        (0x60, "vcmdGetDescriptors", Self::GetDescriptors),
-        (0x61, "vcmdGetFwver", Self::GetFirmwareVersion),
-        (0x62, "vcmdGetFlashSeqnum", Self::GetFlashSequence),
-        (0xE0, "vcmdGetPageCrcs", Self::GetPageCrcs),
-        (0xE1, "vcmdRestoreFallback", Self::RestoreFallback),
-        (0xE2, "vcmdGetBootStatus", Self::GetBootStatus),
-        (0xE3, "vcmdFactoryReset", Self::FactoryReset),
-        (0xE4, "vcmdInstallKey", Self::InstallKey),
-        (0xF0, "vcmdEnterBootloader", Self::EnterBootloader),
-        (0xF1, "vcmdSoftReset", Self::SoftReset),
-        (0xF2, "vcmdEraseWriteFlashPage", Self::EraseWriteFlashPage),
-        (0xF3, "vcmdJ1ShortTest", Self::PinTest(PinTest::Short)),
-        (0xF4, "vcmdJ1OpenTest", Self::PinTest(PinTest::Open)),
-    ];
+/// Declares the commands' codes and names once: as a table for people and hosts, and as a function without the
+/// names for a device.
+macro_rules! command_codes {
+    ($( $code:literal $text:literal $command:ident $(($argument:path))?; )*) => {
+        impl Command {
+            /// Every command with its code and its name in the guide ("Vendor Commands", "Commands"); 0xE0 to
+            /// 0xEF are this project's own (docs/updates.md).
+            pub const TABLE: &[(u16, &'static str, Self)] =
+                &[ $( ($code, $text, Self::$command $(($argument))?), )* ];
 
-    /// The command of a 16-bit code; the whole word counts, 0x0161 is not 0x0061.
-    #[must_use]
-    pub fn from_code(code: u16) -> Option<Self> {
-        Self::TABLE
-            .iter()
-            .find(|row| row.0 == code)
-            .map(|row| row.2)
-    }
+            /// The command of a 16-bit code; the whole word counts, 0x0161 is not 0x0061.
+            #[must_use]
+            pub const fn from_code(code: u16) -> Option<Self> {
+                Some(match code {
+                    $( $code => Self::$command $(($argument))?, )*
+                    _ => return None,
+                })
+            }
 
-    /// The command's code.
-    #[must_use]
-    pub fn code(self) -> u16 {
-        Self::TABLE
-            .iter()
-            .find(|row| row.2 == self)
-            .map_or(0, |row| row.0)
-    }
+            /// The command's code.
+            #[must_use]
+            pub const fn code(self) -> u16 {
+                match self {
+                    $( Self::$command $(($argument))? => $code, )*
+                }
+            }
+        }
+    };
+}
+
+command_codes! {
+    0x01 "vcmdSetDevNumber" SetDeviceNumber;
+    0x02 "vcmdSetDevName" SetDescriptor(Descriptor::DeviceName);
+    0x03 "vcmdSetManName" SetDescriptor(Descriptor::ManufacturerName);
+    0x04 "vcmdSetProdName" SetDescriptor(Descriptor::ProductName);
+    0x05 "vcmdSetManDate" SetDescriptor(Descriptor::ManufactureDate);
+    0x06 "vcmdSetHardwareVer" SetDescriptor(Descriptor::HardwareVersion);
+    0x07 "vcmdSetSN" SetDescriptor(Descriptor::SerialNumber);
+    0x50 "vcmdFlashLEDS" FlashLeds;
+    0x60 "vcmdGetDescriptors" GetDescriptors;
+    0x61 "vcmdGetFwver" GetFirmwareVersion;
+    0x62 "vcmdGetFlashSeqnum" GetFlashSequence;
+    0xE0 "vcmdGetPageCrcs" GetPageCrcs;
+    0xE1 "vcmdRestoreFallback" RestoreFallback;
+    0xE2 "vcmdGetBootStatus" GetBootStatus;
+    0xE3 "vcmdFactoryReset" FactoryReset;
+    0xE4 "vcmdInstallKey" InstallKey;
+    0xF0 "vcmdEnterBootloader" EnterBootloader;
+    0xF1 "vcmdSoftReset" SoftReset;
+    0xF2 "vcmdEraseWriteFlashPage" EraseWriteFlashPage;
+    0xF3 "vcmdJ1ShortTest" PinTest(PinTest::Short);
+    0xF4 "vcmdJ1OpenTest" PinTest(PinTest::Open);
 }
 
 /// The two tests of the expansion header J1.
@@ -132,8 +116,11 @@ macro_rules! named_codes {
 
             /// The value of a code; `None` if the guide does not define it.
             #[must_use]
-            pub fn from_code(code: u8) -> Option<Self> {
-                Self::TABLE.iter().map(|row| row.0).find(|entry| *entry as u8 == code)
+            pub const fn from_code(code: u8) -> Option<Self> {
+                Some(match code {
+                    $( $code => Self::$variant, )*
+                    _ => return None,
+                })
             }
 
             /// The value's name.

@@ -28,6 +28,7 @@ use crate::management::wire::{FirmwareVersions, ImageType};
 use crate::management::{self, Answer, ENUMERATION_ATTEMPTS, Management, SessionIds};
 use crate::params::table::ParameterId;
 use crate::params::{FaultLog, SettingsState, Stored, compile};
+use crate::reset::HEALTHY_AFTER;
 use crate::time::Instant;
 
 /// Attempts for a periodic frame: a destroyed one is not repeated, see [`Node::poll_tx`].
@@ -78,6 +79,9 @@ pub struct Node {
     bus_error_since: Option<Instant>,
     sessions: SessionIds,
     confirm: Confirmation,
+    /// When the image has run long enough to be called healthy, unless it answers before.
+    healthy_at: Option<Instant>,
+    healthy: bool,
 }
 
 impl Node {
@@ -115,6 +119,8 @@ impl Node {
             bus_error_since: None,
             sessions: SessionIds::new(config.seed),
             confirm: Confirmation::Silent,
+            healthy_at: Some(now + HEALTHY_AFTER),
+            healthy: false,
         };
         if let Some(handover) = config.handover {
             node.resume(now, handover);
@@ -254,9 +260,10 @@ impl Node {
                     self.identity_changed();
                 }
             }
-            R::SetDescriptor(which, text) => {
+            R::SetDescriptor(which) => {
                 if !self.refuses_changes() {
-                    self.stored.descriptors.set(which, &text);
+                    let text = self.management.text();
+                    self.stored.descriptors.set(which, text);
                     self.identity_changed();
                 }
             }
@@ -322,6 +329,10 @@ impl Node {
             .is_some_and(|since| now.since(since) >= IDENTIFY_TIME)
         {
             self.identify_since = None;
+        }
+        if self.healthy_at.is_some_and(|at| now >= at) {
+            self.healthy_at = None;
+            self.healthy = true;
         }
         self.poll_keeping(now, snapshot);
     }
@@ -419,7 +430,10 @@ impl Node {
         } else if let Some(test) = self.pin_test.take() {
             Some(Action::PinTest(test))
         } else if self.confirm.take() {
+            self.healthy_at = None;
             Some(Action::Confirm)
+        } else if core::mem::take(&mut self.healthy) {
+            Some(Action::Healthy)
         } else if self.keeping.is_idle() {
             self.reset.take().map(Action::Reset)
         } else {

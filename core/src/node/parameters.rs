@@ -23,7 +23,7 @@ impl Node {
         };
         let result = match (ParameterId::from_code(parameter), write) {
             (None, _) => Err(ParameterError::BadParameter),
-            (Some(id), None) => Ok(self.read(id, snapshot)),
+            (Some(id), None) => Ok(self.read(now, id, snapshot)),
             (Some(id), Some(value)) => self.write(now, id, value, snapshot),
         };
         Outcome { parameter, result }
@@ -41,7 +41,7 @@ impl Node {
         }
     }
 
-    fn read(&self, id: ParameterId, snapshot: &Snapshot) -> u32 {
+    fn read(&self, now: Instant, id: ParameterId, snapshot: &Snapshot) -> u32 {
         match (id, Self::counted_fault(id)) {
             (_, Some(fault)) => u32::from(self.faults.count(fault)),
             (ParameterId::EncoderPosition, _) => snapshot.position as u32,
@@ -57,6 +57,7 @@ impl Node {
             (ParameterId::CrashPlace, _) => self.crash(|crash| crash.place),
             (ParameterId::FramesDropped, _) => self.counters.dropped,
             (ParameterId::TransmissionsFailed, _) => self.counters.given_up,
+            (ParameterId::Leds, _) => self.leds(now, snapshot).to_bits(),
             _ => self.stored.params.get(id),
         }
     }
@@ -90,9 +91,10 @@ impl Node {
             | ParameterId::CrashDetail
             | ParameterId::CrashPlace
             | ParameterId::FramesDropped
-            | ParameterId::TransmissionsFailed => return Ok(self.read(id, snapshot)),
+            | ParameterId::TransmissionsFailed
+            | ParameterId::Leds => return Ok(self.read(now, id, snapshot)),
             ParameterId::StickyFaults => {
-                let before = self.read(id, snapshot);
+                let before = self.read(now, id, snapshot);
                 if value != 0 && before != 0 {
                     self.faults.clear_sticky();
                     self.faults_changed(now);
@@ -102,7 +104,7 @@ impl Node {
             _ => {}
         }
         if let Some(fault) = Self::counted_fault(id) {
-            let before = self.read(id, snapshot);
+            let before = self.read(now, id, snapshot);
             if value != 0 && before != 0 {
                 self.faults.clear_count(fault);
                 self.faults_changed(now);

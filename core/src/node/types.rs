@@ -107,8 +107,12 @@ pub enum Action {
     /// Restart with this handover.
     Reset(Handover),
     /// The image has answered a host for the first time since it started: end its trial with
-    /// [`Slot::confirm`](crate::boot::slots::Slot::confirm) where there are slots.
+    /// [`Slot::confirm`](crate::boot::slots::Slot::confirm) where there are slots, and forget failures in a row as for
+    /// [`Action::Healthy`].
     Confirm,
+    /// The image has run for [`HEALTHY_AFTER`](crate::reset::HEALTHY_AFTER): forget its failures in a row
+    /// ([`Crashes`](crate::reset::Crashes)).
+    Healthy,
     /// Test the expansion header, then call [`Node::pin_test_done`](super::Node::pin_test_done).
     PinTest(PinTest),
 }

@@ -235,7 +235,7 @@ parameters! {
     /// Neutral brakes (else it coasts); the brake/coast button toggles it.
     BrakeAtNeutral = 129, "paramBrakeAtNeutral", Flag, 1, Persistent, "";
     /// Why the controller started, a code of [`ResetCause`](crate::reset::ResetCause); writing has no effect,
-    /// as for the next five.
+    /// as for the next seven.
     ResetCause = 130, "paramResetCause", Computed, 0, Live, "";
     /// What is known of the stored settings, see [`SettingsState`](crate::params::SettingsState); writing
     /// has no effect.
@@ -250,13 +250,8 @@ parameters! {
     ResetPlace = 135, "paramResetPlace", Computed, 0, Live, "";
     /// Transmissions that were given up since the start.
     TransmissionsFailed = 136, "paramTransmissionsFailed", Computed, 0, Live, "";
-    /// The latest crash, kept over a loss of power: a code of [`ResetCause`](crate::reset::ResetCause), 0 if none is
-    /// known; writing has no effect, as for the next two.
-    CrashCause = 137, "paramCrashCause", Computed, 0, Live, "";
-    /// Detail of the latest crash, as in `paramResetDetail`.
-    CrashDetail = 138, "paramCrashDetail", Computed, 0, Live, "";
-    /// Place of the latest crash, as in `paramResetPlace`.
-    CrashPlace = 139, "paramCrashPlace", Computed, 0, Live, "";
+    /// What the LEDs show at this moment, see [`Leds::to_bits`](crate::led::Leds::to_bits).
+    Leds = 137, "paramLeds", Computed, 0, Live, "";
     /// Slot 0 of the law in throttle units: proportional gain.
     ThrottleSlot0P = 140, "paramThrottlePGainSlot0", Unsigned10Q22, 0, Persistent, "throttle/count";
     /// Slot 0 of the law in throttle units: integral gain.
@@ -284,6 +279,13 @@ parameters! {
     /// Limits that have blocked since the sticky faults were cleared, where the dialect keeps them: bit 0
     /// forward switch, 1 reverse switch, 2 forward soft limit, 3 reverse soft limit.
     StickyLimits = 152, "paramStickyLimits", Range(0, 15), 0, Persistent, "";
+    /// The latest crash, kept over a loss of power: a code of [`ResetCause`](crate::reset::ResetCause), 0 if none is
+    /// known; writing has no effect, as for the next two.
+    CrashCause = 153, "paramCrashCause", Computed, 0, Live, "";
+    /// Detail of the latest crash, as in `paramResetDetail`.
+    CrashDetail = 154, "paramCrashDetail", Computed, 0, Live, "";
+    /// Place of the latest crash, as in `paramResetPlace`.
+    CrashPlace = 155, "paramCrashPlace", Computed, 0, Live, "";
 }
 
 impl ParameterId {

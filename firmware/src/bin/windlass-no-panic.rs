@@ -16,12 +16,12 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use stm32_metapac as _;
 use windlass_core::boot::image::Hardware;
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory, start};
-use windlass_core::boot::slots::{Slot, Slots};
+use windlass_core::boot::slots::{Slot, Slots, Start};
 use windlass_core::frame::Frame;
 use windlass_core::node::{PRODUCT_DMC60C, TxOutcome};
 use windlass_core::params::Stored;
 use windlass_core::params::journal::{Change, Journal, Key};
-use windlass_core::reset::ResetCause;
+use windlass_core::reset::{Crashes, ResetCause};
 use windlass_core::time::Instant;
 
 unsafe extern "C" {
@@ -84,7 +84,14 @@ fn use_bootloader<const ERASE: usize>(hardware: &Hardware) {
         settings: &mut Anything::<SECTOR>,
     };
     let handover = black_box(None);
-    let booted = start(&mut memory, black_box(ResetCause::Watchdog), handover);
+    let booted = start(
+        &mut memory,
+        &Start {
+            cause: black_box(ResetCause::Watchdog),
+            handover,
+            crashes: black_box(Crashes::NONE),
+        },
+    );
     let config = LoaderConfig {
         product_id: black_box(PRODUCT_DMC60C),
         hardware: black_box(hardware.id),

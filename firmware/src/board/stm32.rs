@@ -56,8 +56,11 @@ pub(super) struct Panel {
 impl Panel {
     /// Makes outputs and the input.
     pub(super) fn start(self) {
-        for pin in self.status.into_iter().chain([self.brake]).flatten() {
-            pin.output();
+        let [one, two, three] = self.status;
+        for pin in &[one, two, three, self.brake] {
+            if let Some(pin) = pin {
+                pin.output();
+            }
         }
         if let Some(button) = self.button {
             button.input();
@@ -71,9 +74,9 @@ impl Panel {
         match self.status {
             [Some(only), None, None] => only.set(red || green || blue),
             pins => {
-                for (pin, on) in pins.into_iter().zip([red, green, blue]) {
+                for (pin, on) in pins.iter().zip(&[red, green, blue]) {
                     if let Some(pin) = pin {
-                        pin.set(on);
+                        pin.set(*on);
                     }
                 }
             }

@@ -1,6 +1,5 @@
 //! The bootloader of all STM32 boards.
 
-use cortex_m::Peripherals;
 use static_cell::ConstStaticCell;
 use stm32_metapac::TIM7;
 use windlass_core::boot::image::{PAGE_SIZE, Page};
@@ -9,7 +8,7 @@ use windlass_core::led::Leds;
 use windlass_core::params::journal::Journal;
 use windlass_core::time::{Duration, Instant};
 
-use super::stm32::Description;
+use super::stm32::{Description, Panel};
 use crate::bootloader::{Station, decide, stay};
 use crate::chip::family;
 use crate::chip::family::can::Can;
@@ -23,14 +22,14 @@ use crate::record::Cause;
 static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
 /// The board's part of the loader.
-struct Front<'a> {
-    board: &'a Description,
+struct Front {
+    panel: Panel,
     can: Can,
     now: Instant,
     count: u16,
 }
 
-impl Station for Front<'_> {
+impl Station for Front {
     type Bus = Can;
 
     /// While the processor waits for its flash, time stands still by multiples of 65 ms.
@@ -47,7 +46,7 @@ impl Station for Front<'_> {
     }
 
     fn show(&mut self, leds: Leds) {
-        self.board.panel.show(leds);
+        self.panel.show(leds);
     }
 
     fn feed_watchdog(&mut self) {
@@ -56,6 +55,7 @@ impl Station for Front<'_> {
 }
 
 /// Starts the application, or stays. `prepare` sets up what the board's CAN transceiver needs besides its two pins.
+#[inline]
 pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     let cause = family::take_reset_cause(&RECORD);
     family::await_supply();
@@ -78,19 +78,17 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     prepare();
     board.panel.start();
     chip::start_clock(board.tick_mhz);
-    if let Some(mut core) = Peripherals::take()
-        && let Some(page) = PAGE.try_take()
-    {
+    if let Some(page) = PAGE.try_take() {
         let mut loader = Loader::with_page(&config, &mut memory, page);
         let [receive, transmit] = board.can;
         let mut front = Front {
-            board,
-            can: Can::start(&mut core.NVIC, receive, transmit),
+            panel: board.panel,
+            can: Can::join(receive, transmit),
             now: Instant::ZERO,
             count: 0,
         };
         fault::end(stay(&mut front, &mut loader, &mut memory));
     }
-    // Both are taken once: the program comes here once.
+    // It is taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })
 }

@@ -12,7 +12,7 @@ use windlass_core::frame::Frame;
 use windlass_core::led::Leds;
 use windlass_core::management::vendor::{PinTest, TestPin};
 use windlass_core::node::{Transmission, TxOutcome};
-use windlass_core::reset::Reset;
+use windlass_core::reset::{Crashes, Reset};
 use windlass_core::time::Duration;
 
 use windlass_core::units::Duty;
@@ -106,10 +106,13 @@ fn receive(board: &mut FakeBoard, frame: Frame) {
 
 fn origin(handover: Option<Handover>) -> Origin {
     Origin {
+        // Each test's own.
+        record: std::boxed::Box::leak(std::boxed::Box::default()),
         passed_on: PassedOn {
             start: Start {
                 reset: Reset::POWER_ON,
                 handover,
+                crashes: Crashes::NONE,
             },
             bootloader_version: 0x0201,
         },

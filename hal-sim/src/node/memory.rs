@@ -13,15 +13,15 @@ use windlass_core::boot::image::{
     PAGE_SIZE, Page, pack,
 };
 use windlass_core::boot::loader::{Loader, LoaderConfig, Memory as Regions, start};
-use windlass_core::boot::slots::{Slot, Slots};
+use windlass_core::boot::slots::{Slot, Slots, Start as BootStart};
 use windlass_core::boot::trust::Trust;
 use windlass_core::boot::updater::Updater;
 use windlass_core::crc::page_transfer;
 use windlass_core::management::vendor::CommandCode;
-use windlass_core::node::{Handover, PRODUCT_DMC60C};
+use windlass_core::node::PRODUCT_DMC60C;
 use windlass_core::params::Stored;
 use windlass_core::params::journal::{Crash, Journal, SaveError, Saved};
-use windlass_core::reset::{Reset, ResetCause};
+use windlass_core::reset::Reset;
 use windlass_core::time::{Duration, Instant};
 
 use crate::nor::{Geometry, NorChip, NorState, Partition, Region, STM32F405, STM32G431, STM32G474};
@@ -72,8 +72,7 @@ pub(super) enum Started {
 /// How a start comes about.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
-    pub(super) cause: ResetCause,
-    pub(super) handover: Option<Handover>,
+    pub(super) boot: BootStart,
     pub(super) seed: u32,
 }
 
@@ -231,7 +230,7 @@ impl<const W: usize, const S: usize, const J: usize> Memory<W, S, J> {
         let confirmed = self.slots.application.confirm();
         debug_assert_eq!(confirmed, Ok(true));
         // The boot after a confirmation fills the fallback slot.
-        let booted = self.regions(|regions| start(regions, ResetCause::PowerOn, None));
+        let booted = self.regions(|regions| start(regions, &BootStart::POWER_ON));
         debug_assert!(booted.start.is_ok());
     }
 
@@ -289,20 +288,17 @@ impl<const W: usize, const S: usize, const J: usize> Memory<W, S, J> {
         }
     }
 
-    fn decide(
-        &mut self,
-        Start {
-            cause,
-            handover,
-            seed,
-        }: Start,
-    ) -> Started {
+    fn decide(&mut self, Start { boot, seed }: Start) -> Started {
         self.journal = Journal::open(&mut self.flash);
-        let booted = self.regions(|regions| start(regions, cause, handover));
+        let booted = self.regions(|regions| start(regions, &boot));
         match booted.start {
             Ok(header) => Started::Application {
                 header,
-                crash: Crash::keep(&mut self.journal, &mut self.flash, &Reset::first(cause)),
+                crash: Crash::keep(
+                    &mut self.journal,
+                    &mut self.flash,
+                    &Reset::first(boot.cause),
+                ),
                 stored: Box::new(Stored::load(&self.journal, &mut self.flash)),
                 newer_settings: self.journal.is_newer_format(),
             },
@@ -312,7 +308,7 @@ impl<const W: usize, const S: usize, const J: usize> Memory<W, S, J> {
                     hardware: self.hardware.id,
                     bootloader_version: BOOTLOADER_VERSION,
                     seed,
-                    handover,
+                    handover: boot.handover,
                     reason,
                 };
                 let loader = self.regions(|regions| Loader::new(&config, regions));

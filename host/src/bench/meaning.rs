@@ -1,4 +1,7 @@
-//! What a frame says, in words: its name in the DMC60C guide, the device number, its fields.
+//! What a frame says, in words: its name in the DMC60C guide or the Talon SRX manual, the device number, its
+//! fields.
+
+mod talon;
 
 use windlass_core::dialect::dmc60c::wire::{
     Control0, StatusAnalog, StatusEncoder, StatusGeneral, id as drive,
@@ -6,6 +9,7 @@ use windlass_core::dialect::dmc60c::wire::{
 use windlass_core::engine::snapshot::Fault;
 use windlass_core::frame::Frame;
 use windlass_core::frc_id;
+use windlass_core::management::identity::Manufacturer;
 use windlass_core::management::vendor::{Command, CommandCode};
 use windlass_core::management::wire::{
     EnumerateResponse0, EnumerateResponse1, ParameterRequest, ParameterResponse, ParameterSet,
@@ -15,7 +19,7 @@ use windlass_core::params::table::TABLE;
 
 use crate::client::{Version, image_name, mode_name};
 
-/// One line about a frame; empty if it is none of the guide's, or has another length than they have.
+/// One line about a frame; empty if it is none of the two dialects', or has another length than they have.
 pub(super) fn of(frame: &Frame) -> String {
     let Some(raw) = frame.extended_id() else {
         return String::new();
@@ -24,12 +28,29 @@ pub(super) fn of(frame: &Frame) -> String {
     if base == id::ENUMERATE {
         return "ENUM".to_owned();
     }
+    if let Some(text) = talon::broadcast(raw, frame) {
+        return text;
+    }
     let number = frc_id::number(raw);
-    match drive_frame(base, frame).or_else(|| management_frame(base, frame)) {
-        Some((name, text)) if text.is_empty() => format!("{name} #{number}"),
-        Some((name, text)) => format!("{name} #{number}: {text}"),
+    let found = [
+        ("", drive_frame(base, frame)),
+        ("talon ", talon::frame(base, frame)),
+        ("", managed(Manufacturer::Digilent, raw, frame)),
+        ("talon ", managed(Manufacturer::CrossTheRoad, raw, frame)),
+    ];
+    let named = found
+        .into_iter()
+        .find_map(|(kind, found)| Some((kind, found?)));
+    match named {
+        Some((kind, (name, text))) if text.is_empty() => format!("{name} {kind}#{number}"),
+        Some((kind, (name, text))) => format!("{name} {kind}#{number}: {text}"),
         None => String::new(),
     }
+}
+
+/// A frame of the management channel of devices of this manufacturer.
+fn managed(manufacturer: Manufacturer, raw: u32, frame: &Frame) -> Option<Named> {
+    management_frame(frc_id::base(manufacturer.guide_identifier(raw)?), frame)
 }
 
 type Named = (&'static str, String);
@@ -226,7 +247,71 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_in_the_guide_has_no_meaning() {
+    fn the_talon_s_frames_are_told_by_the_names_of_its_manual() {
+        use windlass_core::dialect::talon_srx::wire::{self as talon, General, ParameterValue};
+
+        let general = General {
+            mode: talon::ModeSelect::Duty,
+            demand: -512,
+            ramp: 5,
+            limits: talon::LimitOverride::Forced {
+                forward: true,
+                reverse: false,
+            },
+            ..General::default()
+        };
+        let control = talon::Control1 {
+            token: 0,
+            general: Some(general),
+        };
+        let status = talon::Status1 {
+            throttle: 511,
+            forward_closed: true,
+            mode: talon::ModeSelect::Duty,
+            faults: talon::LiveFaults {
+                forward_limit: true,
+                ..Default::default()
+            },
+            ..Default::default()
+        };
+        let gain = ParameterValue {
+            parameter: 1,
+            value: 3 << 21,
+        };
+        let command = VendorCommand {
+            session: 7,
+            command: 0x61,
+            param1: 0,
+            param2: 0,
+        };
+        let managed = command.emit(3).with_extended_id(0x0204_FC03);
+        for (frame, text) in [
+            (
+                control.emit(3),
+                "CONTROL_1 talon #3: duty, demand -512, ramp 5, limits forced forward on reverse off",
+            ),
+            (control.emit(3).shortened(2), "CONTROL_1 talon #3: enable"),
+            (
+                status.emit(3),
+                "STATUS_1 talon #3: duty, duty 50.0 %, error 0, disabled, forward switch closed, fault Fwd. Limit Switch",
+            ),
+            (gain.emit_set(62), "PARAM_SET talon #62: Slot0P = 1.5"),
+            (
+                managed,
+                "VENDORCMD talon #3: vcmdGetFwver (0, 0), session 0x0007",
+            ),
+            (
+                talon::GlobalEnable { enabled: true }.emit(),
+                "GLOBAL_ENABLE: enabled",
+            ),
+            (Frame::extended(0, []), "DISABLE: all devices"),
+        ] {
+            assert_eq!(of(&frame), text);
+        }
+    }
+
+    #[test]
+    fn what_is_in_neither_dialect_has_no_meaning() {
         assert_eq!(of(&Frame::standard(0x123, [1, 2])), "");
         assert_eq!(of(&Frame::extended(0x1234_5678, [])), "");
         assert_eq!(of(&Frame::extended(drive::CONTROL_0 | 5, [0; 7])), "");

@@ -136,9 +136,7 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
         document["format"] = json!(contents.format.name());
         document["sealed"] = json!(image.is_some());
         document["image_crc"] = json!(image.as_ref().map(|image| image.header().image_crc));
-        let signed = image
-            .as_ref()
-            .map(|image| image.header().signature.is_some());
+        let signed = image.as_ref().map(|image| image.header().signed);
         document["signed"] = json!(signed.unwrap_or(false));
         document["notices"] = json!(contents.notices);
         output::json(&document)?;
@@ -153,7 +151,7 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
     say!("  {:<12} {}", "pages", page_list(contents.pages.bitmap()))?;
     match &image {
         Some(image) => {
-            let signature = image.header().signature;
+            let signed = image.header().signed;
             say!(
                 "  {:<12} CRC {:#010x}, whole",
                 "seal",
@@ -162,7 +160,7 @@ fn inspect(path: &Path, global: &Global) -> Result<Outcome, Failure> {
             say!(
                 "  {:<12} {}",
                 "signature",
-                if signature.is_some() { "yes" } else { "none" }
+                if signed { "yes" } else { "none" }
             )?;
         }
         None => say!("  {:<12} none: seal it with `windlass image pack`", "seal")?,
@@ -316,15 +314,11 @@ fn report(to: &Path, image: &Image, global: &Global) -> Result<Outcome, Failure>
             "hardware": image.hardware_name(),
             "pages": image.pages().len(),
             "image_crc": header.image_crc,
-            "signed": header.signature.is_some(),
+            "signed": header.signed,
         }))?;
         return Ok(Outcome::Done);
     }
-    let signed = if header.signature.is_some() {
-        ", signed"
-    } else {
-        ""
-    };
+    let signed = if header.signed { ", signed" } else { "" };
     say!(
         "{}: version {version} for {}, {} pages, CRC {:#010x}{signed}",
         to.display(),
@@ -404,16 +398,16 @@ fn verify(path: &Path, key: Option<&Path>, global: &Global) -> Result<Outcome, F
         output::json(&json!({
             "file": path.display().to_string(),
             "whole": true,
-            "signed": image.header().signature.is_some(),
+            "signed": image.header().signed,
             "signature_checked": key.is_some(),
             "version": Version(image.header().identity.version).to_string(),
         }))?;
         return Ok(Outcome::Done);
     }
-    let signature = match (&key, image.header().signature) {
+    let signature = match (&key, image.header().signed) {
         (Some(key), _) => format!("signed with key {}", key::fingerprint(key)),
-        (None, Some(_)) => "signed (give --key to check by whom)".to_owned(),
-        (None, None) => "not signed".to_owned(),
+        (None, true) => "signed (give --key to check by whom)".to_owned(),
+        (None, false) => "not signed".to_owned(),
     };
     say!("{}: whole, {signature}", path.display())?;
     Ok(Outcome::Done)

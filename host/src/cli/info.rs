@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 use windlass_core::management::vendor::Descriptor;
+use windlass_core::management::wire::ImageType;
 use windlass_core::params::table::ParameterId;
 use windlass_core::reset::ResetCause;
 
@@ -75,19 +76,24 @@ fn read(client: &mut Connection, device: Device) -> Result<Information, Failure>
     let strings = client.descriptors(device.address)?;
     let versions = client.firmware_versions(device.address)?;
     let flash_writes = client.flash_sequence(device.address)?;
+    let device = Device {
+        versions: Some(versions),
+        ..device
+    };
     Ok(Information {
-        device: Device {
-            versions: Some(versions),
-            ..device
-        },
+        device,
         strings,
         flash_writes,
         own: own(client, device)?,
     })
 }
 
-/// None if the device's firmware does not know the first of these parameters.
+/// None in a bootloader, which has no parameters, and if the device's firmware does not know the first of these.
 fn own(client: &mut Connection, device: Device) -> Result<Option<Own>, Failure> {
+    let image = device.versions.map(|versions| versions.image);
+    if image.is_some_and(|image| image != ImageType::Application) {
+        return Ok(None);
+    }
     let cause = match client.parameter(device.address, ParameterId::ResetCause) {
         Err(Error::Refused { .. }) => return Ok(None),
         cause => cause?,

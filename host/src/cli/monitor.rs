@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use serde_json::json;
+use windlass_core::led::Leds;
 use windlass_core::management::identity::Manufacturer;
 
 use super::connect::{Connection, Seconds, devices};
@@ -21,6 +22,10 @@ pub(super) struct Arguments {
     /// its CAN controller; `?` is what it cannot know.
     #[arg(long)]
     bus: bool,
+    /// Show what the LEDs of each device show at the moment of the sample, too: asks every device for it each
+    /// time. Without this the command only listens.
+    #[arg(long)]
+    leds: bool,
     /// Watch this long [default: until Ctrl-C; 5 seconds on the sim transport].
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<Seconds>,
@@ -40,6 +45,11 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
             .device
             .and(found.first())
             .map(|device| device.address),
+        lit: found
+            .iter()
+            .filter(|_| arguments.leds)
+            .map(|device| (device.address, None))
+            .collect(),
         load: arguments.bus.then_some(bit_rate),
         json: global.json,
         live: LiveLine::new(),
@@ -50,6 +60,7 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
     let end = run_time.map(|run_time| client.now() + run_time);
     let outcome = loop {
         client.listen(every)?;
+        monitor.look(&mut client)?;
         let health = monitor.health(&mut client)?;
         monitor.show(&client, health)?;
         if interrupted() {
@@ -66,6 +77,8 @@ pub(super) fn run(arguments: &Arguments, global: &Global) -> Result<Outcome, Fai
 struct Monitor {
     /// The one device to show, else all.
     only: Option<Address>,
+    /// The devices whose LEDs are wanted, with what they show.
+    lit: Vec<(Address, Option<Leds>)>,
     /// The bit rate, if the load is wanted.
     load: Option<u32>,
     json: bool,
@@ -84,6 +97,21 @@ impl Monitor {
         })
     }
 
+    /// Asks for the LEDs, if they are wanted.
+    fn look(&mut self, client: &mut Connection) -> Result<(), Failure> {
+        for (address, leds) in &mut self.lit {
+            *leds = client.leds(*address)?;
+        }
+        Ok(())
+    }
+
+    fn leds(&self, manufacturer: Manufacturer, number: u8) -> Option<Leds> {
+        let is_it = |(address, _): &&(Address, Option<Leds>)| {
+            address.number == number && address.manufacturer == manufacturer
+        };
+        self.lit.iter().find(is_it)?.1
+    }
+
     /// True if the device that sends status frames of this manufacturer under this number is wanted.
     fn shows(&self, manufacturer: Manufacturer, number: u8) -> bool {
         self.only
@@ -98,6 +126,7 @@ impl Monitor {
                 number,
                 status,
                 now: client.now(),
+                leds: self.leds(Manufacturer::Digilent, number),
             })
             .collect();
         let talons: Vec<talon::sample::Sample<'_>> = client
@@ -107,6 +136,7 @@ impl Monitor {
                 number,
                 status,
                 now: client.now(),
+                leds: self.leds(Manufacturer::CrossTheRoad, number),
             })
             .collect();
         let load = self.load.map(|bit_rate| self.measure(client, bit_rate));

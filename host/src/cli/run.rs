@@ -262,6 +262,7 @@ impl Drives<'_> {
             number: self.number,
             status,
             now: self.client.now(),
+            leds: None,
         };
         if self.json {
             output::json(&sample.document())?;

@@ -5,14 +5,17 @@ use std::time::Duration;
 use serde_json::{Value as Json, json};
 use windlass_core::dialect::dmc60c::wire::StatusGeneral;
 use windlass_core::engine::snapshot::Fault;
+use windlass_core::led::{Colour, Leds};
 
-use crate::client::{ClosedLoopError, Status, fault_name, mode_name};
+use crate::client::{ClosedLoopError, Status, fault_name, leds_text, mode_name};
 
 /// The latest status of one device at a moment.
 pub(super) struct Sample<'a> {
     pub(super) number: u8,
     pub(super) status: &'a Status,
     pub(super) now: Duration,
+    /// What its LEDs show, if they were asked for.
+    pub(super) leds: Option<Leds>,
 }
 
 impl Sample<'_> {
@@ -38,6 +41,10 @@ impl Sample<'_> {
             ));
         }
         parts.extend(self.remarks());
+        parts.extend(
+            self.leds
+                .map(|leds| format!("LEDs {}", leds_text(Some(leds)))),
+        );
         parts.join("  ")
     }
 
@@ -61,6 +68,7 @@ impl Sample<'_> {
             "forward_limit": general.map(|general| general.limit_hit.forward()),
             "reverse_limit": general.map(|general| general.limit_hit.reverse()),
             "faults": general.map(|general| active_faults(&general)),
+            "leds": self.leds.map(leds_document),
             "stale": self.status.is_stale(self.now),
         })
     }
@@ -85,6 +93,12 @@ impl Sample<'_> {
         }
         remarks
     }
+}
+
+/// LEDs as the bench's API shows them.
+pub(super) fn leds_document(leds: Leds) -> Json {
+    let ring = leds.ring.map(Colour::name);
+    json!({"ring": ring, "brake": leds.brake.name()})
 }
 
 /// The active faults that the general status frame carries, by their names in the guide.

@@ -33,7 +33,7 @@ pub use status::{ClosedLoopError, Live, Status};
 pub use vendor::PinTestResult;
 
 pub(crate) use device::product_name;
-pub(crate) use parameter::{fault_name, is_own};
+pub(crate) use parameter::{fault_name, is_own, leds_text};
 pub(crate) use status::mode_name;
 pub(crate) use vendor::{check_number, check_text};
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use windlass_core::engine::snapshot::{Fault, Faults};
 use windlass_core::frame::Frame;
+use windlass_core::led::{Colour, Leds};
 use windlass_core::management::vendor::ParameterError;
 use windlass_core::management::wire::{ParameterRequest, ParameterResponse, ParameterSet, id};
 use windlass_core::params::SettingsState;
@@ -40,6 +41,7 @@ enum Form {
     Faults,
     Cause,
     Settings,
+    Leds,
     Word,
 }
 
@@ -48,6 +50,7 @@ fn form(row: &Parameter) -> Form {
         ParameterId::ActiveFaults | ParameterId::StickyFaults => Form::Faults,
         ParameterId::ResetCause | ParameterId::CrashCause => Form::Cause,
         ParameterId::SettingsState => Form::Settings,
+        ParameterId::Leds => Form::Leds,
         ParameterId::ResetDetail
         | ParameterId::ResetPlace
         | ParameterId::CrashDetail
@@ -142,7 +145,7 @@ impl Value {
             Form::Fixed => signed / ONE,
             Form::Fine => self.fine(),
             Form::Flag | Form::Integer | Form::Faults | Form::Cause | Form::Settings => signed,
-            Form::Word => f64::from(self.raw),
+            Form::Word | Form::Leds => f64::from(self.raw),
         }
     }
 }
@@ -156,6 +159,7 @@ impl fmt::Display for Value {
             Form::Faults => return out.write_str(&fault_names(self.raw)),
             Form::Cause => return out.write_str(cause_name(self.raw)),
             Form::Settings => return out.write_str(settings_name(self.raw)),
+            Form::Leds => return out.write_str(&leds_text(Leds::from_bits(self.raw))),
             Form::Word => return write!(out, "{:#x}", self.raw),
             Form::Fixed => out.write_str(&decimal(self.number(), 5))?,
             Form::Fine => out.write_str(&decimal(self.number(), 7))?,
@@ -188,6 +192,19 @@ fn fault_names(word: u32) -> String {
     } else {
         names.join(", ")
     }
+}
+
+/// What LEDs show, for people: a ring in one colour is told by that colour.
+pub(crate) fn leds_text(leds: Option<Leds>) -> String {
+    let Some(Leds { ring, brake }) = leds else {
+        return "?".to_owned();
+    };
+    let names = ring.map(Colour::name);
+    let ring = match names {
+        [first, rest @ ..] if rest.iter().all(|name| *name == first) => first.to_owned(),
+        _ => names.join("/"),
+    };
+    format!("{ring}, brake {}", brake.name())
 }
 
 /// A reset cause by its name.
@@ -337,6 +354,21 @@ impl<B: Bus> Client<B> {
             &request.emit(address.number),
             attempts,
         )
+    }
+
+    /// What the LEDs show at this moment; `None` if the device does not answer at once.
+    ///
+    /// # Errors
+    /// The bus failed.
+    pub fn leds(&mut self, address: Address) -> Result<Option<Leds>, BusError> {
+        let parameter = ParameterId::Leds;
+        let request = ParameterRequest {
+            session: address.session,
+            parameter: parameter.code(),
+        };
+        let response = self.ask_once(address, parameter, &request.emit(address.number))?;
+        let known = response.filter(|response| response.code == 0);
+        Ok(known.and_then(|response| Leds::from_bits(response.value)))
     }
 
     fn ask(
@@ -510,13 +542,20 @@ mod tests {
         assert_eq!(show("35", 0x014C_C888), "332.78333 A");
         assert_eq!(show("130", 6), "panic");
         assert_eq!(show("130", 0x106), "of a newer firmware");
+        assert_eq!(show("137", 0x1_4444), "green, brake red");
+        assert_eq!(show("Leds", 0x0_0011), "red/red/off/off, brake off");
+        assert_eq!(show("137", 0xF_0000), "?");
         assert_eq!(show("135", 0xDEAD_BEEF), "0xdeadbeef");
     }
 
     #[test]
     fn what_is_shown_reads_back_as_the_same_bits() {
-        let named =
-            |row: &&Parameter| matches!(form(row), Form::Faults | Form::Cause | Form::Settings);
+        let named = |row: &&Parameter| {
+            matches!(
+                form(row),
+                Form::Faults | Form::Cause | Form::Settings | Form::Leds
+            )
+        };
         for row in TABLE.iter().filter(|row| !named(row)) {
             for raw in [
                 0,

@@ -226,7 +226,7 @@ impl<'a, B: Bus> Session<'a, B> {
                 device: status.rollback,
             });
         }
-        if status.key_installed && image.header().signature.is_none() {
+        if status.key_installed && !image.header().signed {
             return Err(FlashError::Unsigned(address));
         }
         Ok(())

@@ -166,7 +166,6 @@ impl<E> From<ImageError<E>> for FileError {
             ImageError::Disagree => {
                 Self::Disagree("the image's header and the application tell different things")
             }
-            ImageError::TooLarge(pages) => Self::TooLarge(pages),
         }
     }
 }

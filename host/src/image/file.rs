@@ -202,10 +202,13 @@ pub fn parse(format: Format, bytes: &[u8]) -> Result<Contents, FileError> {
 
 /// The header of sealed pages, after checking everything that it covers.
 pub(super) fn check_seal(contents: &Contents) -> Result<Header, FileError> {
-    Ok(windlass_core::boot::image::verify(
-        &mut &contents.pages,
-        |_| (),
-    )?)
+    let header = windlass_core::boot::image::verify(&mut &contents.pages, |_| ())?;
+    let hardware = Hardware::from_id(header.identity.hardware);
+    let beyond = header.pages & !hardware.map_or(u32::MAX, |row| row.pages);
+    if beyond != 0 {
+        return Err(FileError::TooLarge(beyond));
+    }
+    Ok(header)
 }
 
 const fn only_pages(format: Format, pages: Pages) -> Contents {

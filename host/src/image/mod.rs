@@ -108,8 +108,10 @@ impl Image {
     /// Whether the image has a signature that this key made; none if it has no signature.
     #[must_use]
     pub fn verify_signature(&self, key: &VerifyingKey) -> Option<bool> {
-        let signature = self.header.signature?;
-        Some(key::verify(key, &self.message(), &signature))
+        let last = self.pages.get(LAST_PAGE)?;
+        let signature = Header::signature(last.last_chunk()?);
+        let signed = self.header.signed;
+        signed.then(|| key::verify(key, &self.message(), &signature))
     }
 
     /// A linker's ELF file with the image's header in a segment of its own, if `file` is one whose page 0
@@ -123,10 +125,11 @@ impl Image {
         // Page 30 follows the last page that the slot has room for.
         let before = room.count_ones().saturating_sub(1);
         let offset = before * PAGE_SIZE as u32 + HEADER_OFFSET as u32;
+        let last = self.pages.get(LAST_PAGE).ok_or(FileError::NotSealed)?;
         Ok(elf::with_segment(
             file,
             base.saturating_add(offset),
-            &self.header.to_bytes(),
+            &last[HEADER_OFFSET..],
         )?)
     }
 

@@ -31,22 +31,19 @@ pub const UNSIGNED_SIGNATURE: [u8; SIGNATURE_LENGTH] = [0xFF; SIGNATURE_LENGTH];
 /// The version that means that there is no application (guide, `fwverApp`); no image may have it.
 pub const NO_VERSION: u16 = 0xFFFF;
 
-/// Offsets in the information block.
-pub(super) mod info_at {
-    pub(in super::super) const FORMAT: usize = 0x04;
-    pub(in super::super) const LENGTH: usize = 0x06;
-    pub(in super::super) const IDENTITY: usize = 0x08;
-    pub(in super::super) const CRC: usize = 0x3C;
+/// Offsets that both blocks share: they begin alike, and the CRC of either covers all of the block but itself.
+mod at {
+    pub(super) const FORMAT: usize = 0x04;
+    pub(super) const LENGTH: usize = 0x06;
+    pub(super) const IDENTITY: usize = 0x08;
+    pub(super) const CRC: usize = super::SIGNED_LENGTH;
 }
 
-/// Offsets in the header.
+/// Offsets in the header alone.
 pub(super) mod header_at {
-    pub(in super::super) const FORMAT: usize = 0x04;
-    pub(in super::super) const LENGTH: usize = 0x06;
-    pub(in super::super) const IDENTITY: usize = 0x08;
     pub(in super::super) const PAGES: usize = 0x18;
     pub(in super::super) const IMAGE_CRC: usize = 0x1C;
-    pub(in super::super) const HEADER_CRC: usize = 0x3C;
+    pub(in super::super) const HEADER_CRC: usize = super::at::CRC;
     pub(in super::super) const SIGNATURE: usize = 0x40;
     pub(in super::super) const VERSION: usize = 0xFC;
 }
@@ -111,17 +108,9 @@ impl InfoBlock {
     /// The block as an application places it; `const`, so that it can be a static.
     #[must_use]
     pub const fn to_bytes(self) -> [u8; INFO_LENGTH] {
-        let mut bytes = [0xFF; INFO_LENGTH];
-        put(&mut bytes, 0, &INFO_MAGIC);
-        put(&mut bytes, info_at::FORMAT, &INFO_FORMAT.to_le_bytes());
-        put(
-            &mut bytes,
-            info_at::LENGTH,
-            &(INFO_LENGTH as u16).to_le_bytes(),
-        );
-        put(&mut bytes, info_at::IDENTITY, &self.identity.to_bytes());
-        let crc = crc_of(&bytes, info_at::CRC);
-        put(&mut bytes, info_at::CRC, &crc.to_le_bytes());
+        let mut bytes = begun(INFO_MAGIC, INFO_FORMAT, self.identity);
+        let crc = crc_of(&bytes);
+        put(&mut bytes, at::CRC, &crc.to_le_bytes());
         bytes
     }
 
@@ -132,19 +121,13 @@ impl InfoBlock {
     pub fn parse(bytes: &[u8]) -> Result<Self, MalformedInfo> {
         let bytes = bytes
             .first_chunk::<INFO_LENGTH>()
-            .filter(|bytes| bytes.starts_with(&INFO_MAGIC))
             .ok_or(MalformedInfo::Magic)?;
-        if half(bytes, info_at::FORMAT) != INFO_FORMAT
-            || usize::from(half(bytes, info_at::LENGTH)) != INFO_LENGTH
-        {
-            return Err(MalformedInfo::Format);
+        match opened(bytes, INFO_MAGIC, INFO_FORMAT) {
+            Ok(identity) => Ok(Self { identity }),
+            Err(Flaw::Magic) => Err(MalformedInfo::Magic),
+            Err(Flaw::Format) => Err(MalformedInfo::Format),
+            Err(Flaw::Crc) => Err(MalformedInfo::Crc),
         }
-        if word(bytes, info_at::CRC) != crc_of(bytes, info_at::CRC) {
-            return Err(MalformedInfo::Crc);
-        }
-        Ok(Self {
-            identity: Identity::from_bytes(take(bytes, info_at::IDENTITY)),
-        })
     }
 }
 
@@ -157,8 +140,8 @@ pub struct Header {
     pub pages: u32,
     /// CRC over these pages, see [`ImageCrc`](super::ImageCrc).
     pub image_crc: u32,
-    /// Ed25519 signature of [`signed_message`](super::signed_message), if there is one.
-    pub signature: Option<[u8; SIGNATURE_LENGTH]>,
+    /// An Ed25519 signature of [`signed_message`](super::signed_message) follows, see [`Header::signature`].
+    pub signed: bool,
 }
 
 /// Why bytes are no header.
@@ -176,30 +159,22 @@ pub enum MalformedHeader {
 }
 
 impl Header {
-    /// The header as it stands at [`HEADER_OFFSET`] of page 30.
+    /// The header as it stands at [`HEADER_OFFSET`] of page 30, with this signature or without one.
     #[must_use]
-    pub fn to_bytes(&self) -> [u8; HEADER_LENGTH] {
-        let mut bytes = [0xFF; HEADER_LENGTH];
-        put(&mut bytes, 0, &HEADER_MAGIC);
-        put(&mut bytes, header_at::FORMAT, &HEADER_FORMAT.to_le_bytes());
-        put(
-            &mut bytes,
-            header_at::LENGTH,
-            &(HEADER_LENGTH as u16).to_le_bytes(),
-        );
-        put(&mut bytes, header_at::IDENTITY, &self.identity.to_bytes());
+    pub fn to_bytes(&self, signature: Option<&[u8; SIGNATURE_LENGTH]>) -> [u8; HEADER_LENGTH] {
+        let mut bytes = begun(HEADER_MAGIC, HEADER_FORMAT, self.identity);
         put(&mut bytes, header_at::PAGES, &self.pages.to_le_bytes());
         put(
             &mut bytes,
             header_at::IMAGE_CRC,
             &self.image_crc.to_le_bytes(),
         );
-        if let Some(signature) = &self.signature {
+        if let Some(signature) = signature {
             put(&mut bytes, header_at::SIGNATURE, signature);
         }
         put(&mut bytes, header_at::VERSION, &self.version_word());
-        let crc = crc_of(&bytes, header_at::HEADER_CRC);
-        put(&mut bytes, header_at::HEADER_CRC, &crc.to_le_bytes());
+        let crc = crc_of(&bytes);
+        put(&mut bytes, at::CRC, &crc.to_le_bytes());
         bytes
     }
 
@@ -210,22 +185,17 @@ impl Header {
     pub fn parse(bytes: &[u8]) -> Result<Self, MalformedHeader> {
         let bytes = bytes
             .first_chunk::<HEADER_LENGTH>()
-            .filter(|bytes| bytes.starts_with(&HEADER_MAGIC))
             .ok_or(MalformedHeader::Magic)?;
-        if half(bytes, header_at::FORMAT) != HEADER_FORMAT
-            || usize::from(half(bytes, header_at::LENGTH)) != HEADER_LENGTH
-        {
-            return Err(MalformedHeader::Format);
-        }
-        if word(bytes, header_at::HEADER_CRC) != crc_of(bytes, header_at::HEADER_CRC) {
-            return Err(MalformedHeader::Crc);
-        }
-        let signature: [u8; SIGNATURE_LENGTH] = take(bytes, header_at::SIGNATURE);
+        let identity = opened(bytes, HEADER_MAGIC, HEADER_FORMAT).map_err(|flaw| match flaw {
+            Flaw::Magic => MalformedHeader::Magic,
+            Flaw::Format => MalformedHeader::Format,
+            Flaw::Crc => MalformedHeader::Crc,
+        })?;
         let header = Self {
-            identity: Identity::from_bytes(take(bytes, header_at::IDENTITY)),
-            pages: word(bytes, header_at::PAGES),
-            image_crc: word(bytes, header_at::IMAGE_CRC),
-            signature: (signature != UNSIGNED_SIGNATURE).then_some(signature),
+            identity,
+            pages: u32::from_le_bytes(take(bytes, header_at::PAGES)),
+            image_crc: u32::from_le_bytes(take(bytes, header_at::IMAGE_CRC)),
+            signed: Self::signature(bytes) != UNSIGNED_SIGNATURE,
         };
         let sound = header.pages & REQUIRED_PAGES == REQUIRED_PAGES
             && header.pages & !ALL_PAGES == 0
@@ -238,6 +208,12 @@ impl Header {
         }
     }
 
+    /// The signature in a header's bytes; [`UNSIGNED_SIGNATURE`] if there is none.
+    #[must_use]
+    pub fn signature(bytes: &[u8; HEADER_LENGTH]) -> [u8; SIGNATURE_LENGTH] {
+        take(bytes, header_at::SIGNATURE)
+    }
+
     /// The last four bytes of page 30, where the guide puts the application's version: one instruction of
     /// 24 bits with its padding of 0xFF.
     const fn version_word(&self) -> [u8; 4] {
@@ -246,18 +222,60 @@ impl Header {
     }
 }
 
-/// CRC-32/ISO-HDLC of a block with the four bytes at `hole` taken as 0xFF. In a block that ends with the
-/// hole (the information block) these four bytes are not taken at all.
+/// What can be wrong with either block.
+#[derive(Clone, Copy)]
+enum Flaw {
+    Magic,
+    Format,
+    Crc,
+}
+
+/// A block without its CRC and what only a header has.
+const fn begun<const N: usize>(magic: [u8; 4], format: u16, identity: Identity) -> [u8; N] {
+    let mut bytes = [0xFF; N];
+    put(&mut bytes, 0, &magic);
+    put(&mut bytes, at::FORMAT, &format.to_le_bytes());
+    put(&mut bytes, at::LENGTH, &(N as u16).to_le_bytes());
+    put(&mut bytes, at::IDENTITY, &identity.to_bytes());
+    bytes
+}
+
+/// Checks what both blocks share: `bytes` is all of the block.
+fn opened(bytes: &[u8], magic: [u8; 4], format: u16) -> Result<Identity, Flaw> {
+    let Some(first) = bytes.first_chunk::<INFO_LENGTH>() else {
+        return Err(Flaw::Magic);
+    };
+    if take(first, 0) != magic {
+        return Err(Flaw::Magic);
+    }
+    if u16::from_le_bytes(take(first, at::FORMAT)) != format
+        || usize::from(u16::from_le_bytes(take(first, at::LENGTH))) != bytes.len()
+    {
+        return Err(Flaw::Format);
+    }
+    if u32::from_le_bytes(take(first, at::CRC)) != crc_of(bytes) {
+        return Err(Flaw::Crc);
+    }
+    Ok(Identity::from_bytes(take(first, at::IDENTITY)))
+}
+
+/// CRC-32/ISO-HDLC of a block with its four bytes at [`at::CRC`] taken as 0xFF. In a block that ends with them (the
+/// information block) these four bytes are not taken at all.
 // The index is bounded by the loop.
 #[allow(clippy::indexing_slicing)]
-const fn crc_of<const N: usize>(bytes: &[u8; N], hole: usize) -> u32 {
+const fn crc_of(bytes: &[u8]) -> u32 {
+    const AFTER: usize = at::CRC + 4;
     let mut crc = Crc32::new();
-    let end = if hole + 4 == N { hole } else { N };
-    let mut at = 0;
-    while at < end && at < N {
-        let in_hole = at >= hole && at < hole + 4;
-        crc.push(if in_hole { 0xFF } else { bytes[at] });
-        at += 1;
+    let end = if bytes.len() == AFTER {
+        at::CRC
+    } else {
+        bytes.len()
+    };
+    let mut place = 0;
+    while place < end && place < bytes.len() {
+        let in_hole = place >= at::CRC && place < AFTER;
+        crc.push(if in_hole { 0xFF } else { bytes[place] });
+        place += 1;
     }
     crc.finish()
 }
@@ -273,15 +291,10 @@ const fn put<const N: usize, const M: usize>(to: &mut [u8; N], at: usize, from: 
     }
 }
 
-/// `M` bytes from `at` on; bytes beyond the end read as 0xFF, like erased flash.
-fn take<const M: usize>(bytes: &[u8], at: usize) -> [u8; M] {
-    core::array::from_fn(|index| bytes.get(at + index).copied().unwrap_or(0xFF))
-}
-
-fn word(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(take(bytes, at))
-}
-
-fn half(bytes: &[u8], at: usize) -> u16 {
-    u16::from_le_bytes(take(bytes, at))
+/// `M` bytes from `at` on, which is a constant: inlined this is a load. Bytes beyond the end read as 0xFF, like
+/// erased flash.
+#[inline(always)]
+fn take<const M: usize, const N: usize>(bytes: &[u8; N], at: usize) -> [u8; M] {
+    let part = bytes.get(at..).and_then(|rest| rest.first_chunk());
+    part.copied().unwrap_or([0xFF; M])
 }

@@ -19,6 +19,7 @@ pub use block::{
     INFO_MAGIC, INFO_OFFSET, Identity, InfoBlock, MalformedHeader, MalformedInfo, NO_VERSION,
     SIGNATURE_LENGTH, SIGNED_LENGTH, UNSIGNED_SIGNATURE,
 };
+pub(super) use seal::read_header;
 pub use seal::{
     ImageCrc, ImageError, PackError, ReadPages, is_blank, is_covered, pack, put_signature,
     signed_message, verify,

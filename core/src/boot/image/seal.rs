@@ -1,6 +1,6 @@
 //! Packing and checking whole images, the same code in the host's tool and in the bootloader.
 
-use super::block::{header_at, info_at};
+use super::block::header_at;
 use super::{
     ALL_PAGES, FIRST_PAGE, HEADER_LENGTH, HEADER_OFFSET, Hardware, Header, INFO_LENGTH,
     INFO_OFFSET, Identity, InfoBlock, LAST_PAGE, MalformedHeader, MalformedInfo, NO_VERSION, Page,
@@ -72,8 +72,6 @@ pub enum ImageError<E> {
     Disagree,
     /// The CRC over the pages is not the header's.
     Crc,
-    /// The header names pages that this hardware has no room for; holds them.
-    TooLarge(u32),
 }
 
 /// Checks everything about an image that can be checked without a key, and gives its header. `covered` is
@@ -86,12 +84,6 @@ pub fn verify<P: ReadPages>(
     mut covered: impl FnMut(&[u8]),
 ) -> Result<Header, ImageError<P::Error>> {
     let header = read_header(pages)?;
-    if let Some(hardware) = Hardware::from_id(header.identity.hardware) {
-        let beyond = header.pages & !hardware.pages;
-        if beyond != 0 {
-            return Err(ImageError::TooLarge(beyond));
-        }
-    }
     let mut info = [0; INFO_LENGTH];
     pages
         .read(FIRST_PAGE, INFO_OFFSET, &mut info)
@@ -131,7 +123,11 @@ fn mask(chunk: &mut [u8; CHUNK], offset: usize) {
     }
 }
 
-fn read_header<P: ReadPages>(pages: &mut P) -> Result<Header, ImageError<P::Error>> {
+/// The header of an image, checked as far as it goes alone.
+#[inline(never)]
+pub(in crate::boot) fn read_header<P: ReadPages>(
+    pages: &mut P,
+) -> Result<Header, ImageError<P::Error>> {
     let mut bytes = [0; HEADER_LENGTH];
     pages
         .read(LAST_PAGE, HEADER_OFFSET, &mut bytes)
@@ -195,16 +191,16 @@ pub fn pack<'a>(
         identity,
         pages: bitmap,
         image_crc: 0,
-        signature: None,
+        signed: false,
     };
-    put_header(last, &header);
+    put_header(last, &header, None);
     let mut crc = ImageCrc::default();
     for number in pages_of(bitmap & !(1 << LAST_PAGE)) {
         crc.update(number, 0, page(number).map_or(&[], |page| &page[..]));
     }
     crc.update(LAST_PAGE, 0, last);
     header.image_crc = crc.finish();
-    put_header(last, &header);
+    put_header(last, &header, None);
     Ok(header)
 }
 
@@ -217,14 +213,14 @@ pub fn put_signature(
     signature: [u8; SIGNATURE_LENGTH],
 ) -> Result<Header, MalformedHeader> {
     let mut header = Header::parse(last.get(HEADER_OFFSET..).unwrap_or(&[]))?;
-    header.signature = Some(signature);
-    put_header(last, &header);
+    header.signed = true;
+    put_header(last, &header, Some(&signature));
     Ok(header)
 }
 
-fn put_header(last: &mut Page, header: &Header) {
+fn put_header(last: &mut Page, header: &Header, signature: Option<&[u8; SIGNATURE_LENGTH]>) {
     if let Some(place) = last.last_chunk_mut::<HEADER_LENGTH>() {
-        *place = header.to_bytes();
+        *place = header.to_bytes(signature);
     }
 }
 
@@ -238,7 +234,7 @@ const DOMAIN: [u8; 16] = *b"windlass image 1";
 /// CRC covers.
 #[must_use]
 pub fn signed_message(header: &Header, digest: &[u8; 64]) -> [u8; MESSAGE_LENGTH] {
-    let bytes = header.to_bytes();
+    let bytes = header.to_bytes(None);
     let parts = DOMAIN
         .iter()
         .chain(bytes.iter().take(SIGNED_LENGTH))
@@ -249,6 +245,3 @@ pub fn signed_message(header: &Header, digest: &[u8; 64]) -> [u8; MESSAGE_LENGTH
     }
     message
 }
-
-// The information block's CRC stands where the header's part under signature ends: one number to remember.
-const _: () = assert!(info_at::CRC == SIGNED_LENGTH && header_at::HEADER_CRC == SIGNED_LENGTH);

@@ -61,9 +61,9 @@ fn offsets_of_the_document() {
         identity: IDENTITY,
         pages: 0x4000_0003,
         image_crc: 0x1122_3344,
-        signature: Some([0x5A; 64]),
+        signed: true,
     };
-    let bytes = header.to_bytes();
+    let bytes = header.to_bytes(Some(&[0x5A; 64]));
     assert_eq!(&bytes[..8], b"WLHD\x01\x00\x00\x01");
     assert_eq!(bytes[0x08..0x0C], [0x03, 0x01, 0x20, 0x60]);
     assert_eq!(bytes[0x0C..0x10], [0x05, 0x04, 0, 0]);
@@ -124,7 +124,7 @@ fn a_packed_image_is_whole_and_a_signature_changes_neither_crc_nor_message() {
     assert_eq!(signed.image_crc, header.image_crc);
     assert_eq!(signed_message(&signed, &[1; 64]), before);
     assert_eq!(&before[..16], b"windlass image 1");
-    assert_eq!(before[16..76], header.to_bytes()[..60]);
+    assert_eq!(before[16..76], header.to_bytes(None)[..60]);
     assert_eq!(before[76..], [1; 64]);
 }
 
@@ -178,9 +178,9 @@ fn each_malformation_has_a_name() {
         identity: IDENTITY,
         pages: REQUIRED_PAGES,
         image_crc: 0,
-        signature: None,
+        signed: false,
     }
-    .to_bytes();
+    .to_bytes(None);
     assert_eq!(Header::parse(&bytes[..255]), Err(MalformedHeader::Magic));
     assert_eq!(Header::parse(&[0xFF; 256]), Err(MalformedHeader::Magic));
     let mut newer = bytes;
@@ -191,10 +191,10 @@ fn each_malformation_has_a_name() {
             identity: IDENTITY,
             pages,
             image_crc: 0,
-            signature: None,
+            signed: false,
         };
         assert_eq!(
-            Header::parse(&bad.to_bytes()),
+            Header::parse(&bad.to_bytes(None)),
             Err(MalformedHeader::Content)
         );
     }
@@ -248,8 +248,8 @@ proptest! {
     ) {
         let identity = Identity { product, hardware, version, rollback };
         let pages = pages & ALL_PAGES | REQUIRED_PAGES;
-        let header = Header { identity, pages, image_crc, signature: None };
-        prop_assert_eq!(Header::parse(&header.to_bytes()), Ok(header));
+        let header = Header { identity, pages, image_crc, signed: false };
+        prop_assert_eq!(Header::parse(&header.to_bytes(None)), Ok(header));
         let info = InfoBlock { identity };
         prop_assert_eq!(InfoBlock::parse(&info.to_bytes()), Ok(info));
     }

@@ -69,69 +69,46 @@ pub enum Record {
     },
 }
 
+/// A record as it stands in flash: kind (low byte) and argument, then two values. What is only carried on or compared
+/// stays in this form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Words([u32; 3]);
+
+/// The kinds.
+mod kind {
+    pub(super) const STORED: u8 = 1;
+    pub(super) const COMMITTED: u8 = 2;
+    pub(super) const CONFIRMED: u8 = 3;
+    pub(super) const TRIAL_FAILED: u8 = 4;
+    pub(super) const UPDATE_BEGUN: u8 = 5;
+    pub(super) const RESTORE_BEGUN: u8 = 6;
+    pub(super) const REFRESH_BEGUN: u8 = 7;
+    pub(super) const REFRESH_ENDED: u8 = 8;
+}
+
 impl Record {
-    fn to_content(self) -> [u8; CONTENT] {
+    pub(super) const fn words(self) -> Words {
         let (kind, argument, first, second) = match self {
-            Self::Stored { page, crc } => (1, page, crc, 0),
+            Self::Stored { page, crc } => (kind::STORED, page, crc, 0),
             Self::Committed {
                 generation,
                 image_crc,
-            } => (2, 0, generation, image_crc),
-            Self::Confirmed => (3, 0, 0, 0),
-            Self::TrialFailed => (4, 0, 0, 0),
-            Self::UpdateBegun { generation } => (5, 0, generation, 0),
-            Self::RestoreBegun { generation } => (6, 0, generation, 0),
-            Self::RefreshBegun => (7, 0, 0, 0),
-            Self::RefreshEnded { done } => (8, u8::from(done), 0, 0),
+            } => (kind::COMMITTED, 0, generation, image_crc),
+            Self::Confirmed => (kind::CONFIRMED, 0, 0, 0),
+            Self::TrialFailed => (kind::TRIAL_FAILED, 0, 0, 0),
+            Self::UpdateBegun { generation } => (kind::UPDATE_BEGUN, 0, generation, 0),
+            Self::RestoreBegun { generation } => (kind::RESTORE_BEGUN, 0, generation, 0),
+            Self::RefreshBegun => (kind::REFRESH_BEGUN, 0, 0, 0),
+            Self::RefreshEnded { done } => (kind::REFRESH_ENDED, done as u8, 0, 0),
         };
-        let [f0, f1, f2, f3] = u32::to_le_bytes(first);
-        let [s0, s1, s2, s3] = u32::to_le_bytes(second);
-        let mut content = [0; CONTENT];
-        let fields = [kind, argument, 0, 0, f0, f1, f2, f3, s0, s1, s2, s3];
-        for (to, from) in content.iter_mut().zip(fields) {
-            *to = from;
-        }
-        let crc = record_crc(&content);
-        if let Some(place) = content.last_chunk_mut::<4>() {
-            *place = crc.to_le_bytes();
-        }
-        content
-    }
-
-    pub(super) fn from_content(content: &[u8; CONTENT]) -> Option<Self> {
-        let stored = content.last_chunk::<4>().copied().map(u32::from_le_bytes);
-        if stored != Some(record_crc(content)) {
-            return None;
-        }
-        let [kind, argument, _, _, f0, f1, f2, f3, s0, s1, s2, s3, ..] = *content;
-        let first = u32::from_le_bytes([f0, f1, f2, f3]);
-        let second = u32::from_le_bytes([s0, s1, s2, s3]);
-        Some(match kind {
-            1 => Self::Stored {
-                page: argument,
-                crc: first,
-            },
-            2 => Self::Committed {
-                generation: first,
-                image_crc: second,
-            },
-            3 => Self::Confirmed,
-            4 => Self::TrialFailed,
-            5 => Self::UpdateBegun { generation: first },
-            6 => Self::RestoreBegun { generation: first },
-            7 => Self::RefreshBegun,
-            8 => Self::RefreshEnded {
-                done: argument != 0,
-            },
-            _ => return None,
-        })
+        Words([u16::from_le_bytes([kind, argument]) as u32, first, second])
     }
 
     /// The 32 bytes of a place, for a tool that writes a whole flash.
     #[must_use]
     pub fn to_bytes(self) -> [u8; RECORD_SIZE] {
         let mut bytes = [0; RECORD_SIZE];
-        let content = self.to_content();
+        let content = self.words().to_content();
         for (to, from) in bytes.iter_mut().zip(RECORD_MARKER.iter().chain(&content)) {
             *to = *from;
         }
@@ -139,26 +116,83 @@ impl Record {
     }
 }
 
-fn record_crc(content: &[u8; CONTENT]) -> u32 {
-    iso_hdlc(content.get(..CONTENT - 4).unwrap_or(&[]))
+impl Words {
+    const fn kind(self) -> u8 {
+        let Self([first, ..]) = self;
+        first as u8
+    }
+
+    const fn argument(self) -> u8 {
+        let Self([first, ..]) = self;
+        (first >> 8) as u8
+    }
+
+    const fn values(self) -> (u32, u32) {
+        let Self([_, first, second]) = self;
+        (first, second)
+    }
+
+    /// The generation and whether a restore has begun, of a record that begins something.
+    const fn begun(self) -> Option<(u32, bool)> {
+        match self.kind() {
+            kind @ (kind::UPDATE_BEGUN | kind::RESTORE_BEGUN) => {
+                Some((self.values().0, kind == kind::RESTORE_BEGUN))
+            }
+            _ => None,
+        }
+    }
+
+    // Byte by byte in the open: the compiler makes words of it, while iterators cost a hundred bytes each.
+    const fn to_content(self) -> [u8; CONTENT] {
+        let Self([first, second, third]) = self;
+        let [a0, a1, a2, a3] = first.to_le_bytes();
+        let [b0, b1, b2, b3] = second.to_le_bytes();
+        let [c0, c1, c2, c3] = third.to_le_bytes();
+        let bytes = [
+            a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, 0, 0, 0, 0, 0, 0, 0, 0,
+        ];
+        let [d0, d1, d2, d3] = record_crc(&bytes).to_le_bytes();
+        [
+            a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, 0, 0, 0, 0, 0, 0, 0, 0, d0, d1, d2, d3,
+        ]
+    }
+
+    pub(super) fn from_content(content: &[u8; CONTENT]) -> Option<Self> {
+        let (bytes, crc) = content.split_first_chunk()?;
+        if crc != record_crc(bytes).to_le_bytes() {
+            return None;
+        }
+        let [a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, ..] = *bytes;
+        Some(Self([
+            u32::from_le_bytes([a0, a1, a2, a3]),
+            u32::from_le_bytes([b0, b1, b2, b3]),
+            u32::from_le_bytes([c0, c1, c2, c3]),
+        ]))
+    }
 }
 
-/// A record that is written twice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// CRC of all that comes before it.
+const fn record_crc(bytes: &[u8; CONTENT - 4]) -> u32 {
+    iso_hdlc(bytes)
+}
+
+/// A record that is written twice; none of it while the count is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Copies {
-    record: Record,
+    words: Words,
     count: u8,
 }
 
 impl Copies {
-    fn count(present: Option<Self>, record: Record) -> Self {
-        let before = present
-            .filter(|copies| copies.record == record)
-            .map_or(0, |copies| copies.count);
-        Self {
-            record,
-            count: before.saturating_add(1),
+    fn add(&mut self, words: Words) {
+        if self.words != words {
+            *self = Self { words, count: 0 };
         }
+        self.count = self.count.saturating_add(1);
+    }
+
+    fn words(&self) -> Option<Words> {
+        (self.count > 0).then_some(self.words)
     }
 }
 
@@ -171,9 +205,9 @@ pub struct Log {
     pub trial_failures: u8,
     /// The slot's image is in the fallback slot, or could not be copied there.
     pub refresh: Refresh,
-    committed: Option<Copies>,
-    confirmed: Option<Copies>,
-    begun: Option<Copies>,
+    committed: Copies,
+    confirmed: Copies,
+    begun: Copies,
     /// First free place.
     next: usize,
 }
@@ -193,61 +227,40 @@ pub enum Refresh {
 }
 
 impl Log {
-    pub(super) fn take(&mut self, record: Record) {
-        match record {
-            Record::Stored { page, .. } => {
-                self.stored |= 1_u32.checked_shl(u32::from(page)).unwrap_or(0);
+    pub(super) fn take(&mut self, words: Words) {
+        match words.kind() {
+            kind::STORED => {
+                let page = u32::from(words.argument());
+                self.stored |= 1_u32.checked_shl(page).unwrap_or(0);
             }
-            Record::Committed { .. } => {
-                self.committed = Some(Copies::count(self.committed, record));
-            }
-            Record::Confirmed => self.confirmed = Some(Copies::count(self.confirmed, record)),
-            Record::TrialFailed => self.trial_failures = self.trial_failures.saturating_add(1),
-            Record::UpdateBegun { .. } | Record::RestoreBegun { .. } => {
-                self.begun = Some(Copies::count(self.begun, record));
-            }
-            Record::RefreshBegun => self.refresh = Refresh::Begun,
-            Record::RefreshEnded { done: true } => self.refresh = Refresh::Done,
-            Record::RefreshEnded { done: false } => self.refresh = Refresh::Failed,
+            kind::COMMITTED => self.committed.add(words),
+            kind::CONFIRMED => self.confirmed.add(words),
+            kind::TRIAL_FAILED => self.trial_failures = self.trial_failures.saturating_add(1),
+            kind::UPDATE_BEGUN | kind::RESTORE_BEGUN => self.begun.add(words),
+            kind::REFRESH_BEGUN => self.refresh = Refresh::Begun,
+            kind::REFRESH_ENDED if words.argument() != 0 => self.refresh = Refresh::Done,
+            kind::REFRESH_ENDED => self.refresh = Refresh::Failed,
+            // Of a later version.
+            _ => {}
         }
     }
 
     /// Generation and CRC of the committed image.
     #[must_use]
-    pub const fn committed(&self) -> Option<(u32, u32)> {
-        match self.committed {
-            Some(Copies {
-                record:
-                    Record::Committed {
-                        generation,
-                        image_crc,
-                    },
-                ..
-            }) => Some((generation, image_crc)),
-            _ => None,
-        }
+    pub fn committed(&self) -> Option<(u32, u32)> {
+        self.committed.words().map(Words::values)
     }
 
     /// The image has been confirmed.
     #[must_use]
     pub const fn confirmed(&self) -> bool {
-        self.confirmed.is_some()
+        self.confirmed.count > 0
     }
 
     /// In the fallback slot: the generation that has been begun last, and whether by a restore.
     #[must_use]
-    pub const fn begun(&self) -> Option<(u32, bool)> {
-        match self.begun {
-            Some(Copies {
-                record: Record::UpdateBegun { generation },
-                ..
-            }) => Some((generation, false)),
-            Some(Copies {
-                record: Record::RestoreBegun { generation },
-                ..
-            }) => Some((generation, true)),
-            _ => None,
-        }
+    pub fn begun(&self) -> Option<(u32, bool)> {
+        self.begun.words().and_then(Words::begun)
     }
 
     /// The largest generation that this trailer names.
@@ -274,28 +287,36 @@ impl<F: NorFlash> Slot<F> {
                 continue;
             }
             log.next = index + 1;
-            if let Some(record) = self.record(index) {
-                log.take(record);
+            if let Some(words) = self.words(index) {
+                log.take(words);
             }
         }
         log
     }
 
-    fn record(&mut self, index: usize) -> Option<Record> {
+    /// A place without its marker is free, whatever stands behind it.
+    fn is_taken(&mut self, index: usize) -> bool {
+        let mut marker = [0; LARGEST_UNIT];
+        self.read_trailer(place(index), &mut marker).is_ok() && marker == RECORD_MARKER
+    }
+
+    #[inline(never)]
+    fn words(&mut self, index: usize) -> Option<Words> {
         let mut content = [0; CONTENT];
         self.read_trailer(place(index) + LARGEST_UNIT, &mut content)
             .ok()?;
-        Record::from_content(&content)
+        Words::from_content(&content)
     }
 
     /// CRC of each stored page as on the wire, 0 for the others.
     pub fn stored_crcs(&mut self) -> [u32; 31] {
         let mut crcs = [0; 31];
         for index in 0..PLACES {
-            if let Some(Record::Stored { page, crc }) = self.record(index)
-                && let Some(place) = crcs.get_mut(usize::from(page))
+            if let Some(words) = self.words(index)
+                && words.kind() == kind::STORED
+                && let Some(place) = crcs.get_mut(usize::from(words.argument()))
             {
-                *place = crc;
+                (*place, _) = words.values();
             }
         }
         crcs
@@ -303,6 +324,11 @@ impl<F: NorFlash> Slot<F> {
 
     /// Appends a record and takes it over into `log`, which must be this trailer's present one.
     pub(crate) fn append(&mut self, log: &mut Log, record: Record) -> Result<(), SlotError> {
+        self.append_words(log, record.words())
+    }
+
+    #[inline(never)]
+    fn append_words(&mut self, log: &mut Log, words: Words) -> Result<(), SlotError> {
         for _ in 0..ATTEMPTS {
             let index = log.next;
             if index >= PLACES {
@@ -311,11 +337,11 @@ impl<F: NorFlash> Slot<F> {
             log.next += 1;
             // A place that refuses is left behind: what stands there is no valid record.
             let at = place(index);
-            let content = record.to_content();
+            let content = words.to_content();
             let written = self.write_trailer(at, &RECORD_MARKER).is_ok()
                 && self.write_trailer(at + LARGEST_UNIT, &content).is_ok();
-            if written && self.record(index) == Some(record) {
-                log.take(record);
+            if written && self.is_taken(index) && self.words(index) == Some(words) {
+                log.take(words);
                 return Ok(());
             }
         }
@@ -324,19 +350,21 @@ impl<F: NorFlash> Slot<F> {
 
     /// Appends a record that a decision depends on, twice.
     pub(crate) fn append_twice(&mut self, log: &mut Log, record: Record) -> Result<(), SlotError> {
-        self.append(log, record)?;
-        self.append(log, record)
+        self.append_words_twice(log, record.words())
+    }
+
+    #[inline(never)]
+    fn append_words_twice(&mut self, log: &mut Log, words: Words) -> Result<(), SlotError> {
+        self.append_words(log, words)?;
+        self.append_words(log, words)
     }
 
     /// Joins another copy to every record of which only one valid copy is read.
     pub(crate) fn settle(&mut self, log: &mut Log) {
-        for copies in [log.committed, log.confirmed, log.begun]
-            .into_iter()
-            .flatten()
-        {
-            if copies.count < COPIES {
+        for copies in &[log.committed, log.confirmed, log.begun] {
+            if copies.count > 0 && copies.count < COPIES {
                 // If that fails the single copy goes on counting; the next boot tries again.
-                let _ = self.append(log, copies.record);
+                let _ = self.append_words(log, copies.words);
             }
         }
     }

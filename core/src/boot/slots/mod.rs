@@ -20,13 +20,16 @@ use embedded_storage::nor_flash::NorFlash;
 pub use flash::{Slot, SlotError, TRAILER_SIZE};
 pub use log::{Log, RECORD_MARKER, RECORD_SIZE, Record, Refresh};
 
-use super::image::{Header, ImageError, LAST_PAGE, PAGE_SIZE, pages_of, verify};
+use super::image::{Header, ImageError, PAGE_SIZE, pages_of, read_header, verify};
 use super::status::Reason;
 use crate::node::Handover;
-use crate::reset::ResetCause;
+use crate::reset::{Crashes, ResetCause};
 
 /// Resets by watchdog or fault that end a trial.
 pub const TRIAL_RESETS: u8 = 3;
+/// Failures in a row that end the attempts to start a confirmed image: those of a trial, and five more for the image
+/// that has been put back.
+pub const CRASH_LIMIT: u8 = 8;
 /// Bytes that are copied at one time.
 const CHUNK: usize = 256;
 
@@ -48,6 +51,26 @@ pub struct View {
     pub whole: bool,
     /// Trailer of the fallback slot, if there is one.
     pub fallback: Option<Log>,
+}
+
+/// How the controller comes to start: what the decision knows beside flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// The kind of reset.
+    pub cause: ResetCause,
+    /// Left by the image before, if it restarted on purpose.
+    pub handover: Option<Handover>,
+    /// Failures in a row.
+    pub crashes: Crashes,
+}
+
+impl Start {
+    /// The supply was switched on.
+    pub const POWER_ON: Self = Self {
+        cause: ResetCause::PowerOn,
+        handover: None,
+        crashes: Crashes::NONE,
+    };
 }
 
 /// What to do at boot.
@@ -104,7 +127,8 @@ impl View {
 
     /// The decision.
     #[must_use]
-    pub fn decide(&self, handover: Option<Handover>) -> Decision {
+    pub fn decide(&self, start: &Start) -> Decision {
+        let handover = start.handover;
         if handover.is_some_and(|handover| handover.stay_in_bootloader) {
             return Decision::Stay(Reason::Requested);
         }
@@ -125,12 +149,18 @@ impl View {
         let failed =
             !self.application.confirmed() && self.application.trial_failures >= TRIAL_RESETS;
         // An explicit order to restart tries even an image that has failed.
-        if failed && handover.is_none() {
+        if handover.is_some() {
+            return Decision::Start;
+        }
+        if failed {
             return if self.fallback_differs() {
                 self.restore_or(Reason::TrialFailed)
             } else {
                 Decision::Stay(Reason::TrialFailed)
             };
+        }
+        if start.crashes.0 >= CRASH_LIMIT {
+            return Decision::Stay(Reason::CrashLoop);
         }
         Decision::Start
     }
@@ -166,33 +196,27 @@ pub struct Booted {
 
 /// Decides what to start, and carries out whatever has to be done before: continues what was interrupted,
 /// counts a failed trial, puts the fallback image back, or refreshes the fallback.
-///
-/// `handover` is what the image that ran before has left when it restarted on purpose.
-pub fn boot<A: NorFlash, F: NorFlash>(
-    slots: &mut Slots<A, F>,
-    cause: ResetCause,
-    handover: Option<Handover>,
-) -> Booted {
+pub fn boot<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>, start: &Start) -> Booted {
     let mut view = slots.view();
-    if view.is_committed() && !view.application.confirmed() && cause.is_failure() {
+    if view.is_committed() && !view.application.confirmed() && start.cause.is_failure() {
         // An uncounted failure only makes the trial one reset longer.
         let _ = slots
             .application
             .append(&mut view.application, Record::TrialFailed);
     }
-    let start = match view.decide(handover) {
+    let started = match view.decide(start) {
         Decision::Stay(reason) => Err(reason),
         Decision::Restore => {
             let restored = slots.restore(&mut view);
             view = slots.view();
-            match (restored, view.decide(handover)) {
+            match (restored, view.decide(start)) {
                 (Ok(()), Decision::Start) => Ok(()),
                 _ => Err(Reason::RestoreFailed),
             }
         }
         Decision::Start => Ok(()),
     };
-    if start.is_ok() {
+    if started.is_ok() {
         slots.application.settle(&mut view.application);
         if view.needs_refresh() {
             slots.refresh(&mut view);
@@ -200,7 +224,7 @@ pub fn boot<A: NorFlash, F: NorFlash>(
     }
     let header = slots.header();
     Booted {
-        start: match (start, header) {
+        start: match (started, header) {
             (Ok(()), Some(header)) => Ok(header),
             (Ok(()), None) => Err(Reason::ImageDamaged),
             (Err(reason), _) => Err(reason),
@@ -304,7 +328,7 @@ fn copy<S: NorFlash, T: NorFlash>(
         }
     }
     let image_crc = header.image_crc;
-    if verify(to, |_| ()) != Ok(header) {
+    if to.check() != Ok(header) {
         return Err(SlotError::Mismatch);
     }
     let mut log = Log::default();
@@ -321,10 +345,7 @@ fn copy<S: NorFlash, T: NorFlash>(
 impl<F: NorFlash> Slot<F> {
     /// Header of the image in the slot, valid or not.
     pub fn header(&mut self) -> Option<Header> {
-        let mut bytes = [0; super::image::HEADER_LENGTH];
-        super::image::ReadPages::read(self, LAST_PAGE, super::image::HEADER_OFFSET, &mut bytes)
-            .ok()?;
-        Header::parse(&bytes).ok()
+        read_header(self).ok()
     }
 
     /// True if the slot holds exactly the image that was committed.
@@ -338,7 +359,22 @@ impl<F: NorFlash> Slot<F> {
         }
     }
 
-    /// Checks the whole image, see [`verify`].
+    /// The signature in the slot's header.
+    #[cfg(feature = "signed")]
+    pub(crate) fn signature(&mut self) -> Option<[u8; super::image::SIGNATURE_LENGTH]> {
+        let mut bytes = [0; super::image::HEADER_LENGTH];
+        super::image::ReadPages::read(
+            self,
+            super::image::LAST_PAGE,
+            super::image::HEADER_OFFSET,
+            &mut bytes,
+        )
+        .ok()?;
+        Some(Header::signature(&bytes))
+    }
+
+    /// Checks the whole image, see [`verify`]. Not inlined: there are three callers.
+    #[inline(never)]
     pub(crate) fn check(&mut self) -> Result<Header, ImageError<SlotError>> {
         verify(self, |_| ())
     }

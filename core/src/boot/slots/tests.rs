@@ -3,6 +3,7 @@
 
 extern crate std;
 
+use super::log::Words;
 use super::*;
 
 const RECORDS: [Record; 9] = [
@@ -26,7 +27,7 @@ const RECORDS: [Record; 9] = [
 fn log_of(records: &[Record]) -> Log {
     let mut log = Log::default();
     for record in records {
-        log.take(*record);
+        log.take(record.words());
     }
     log
 }
@@ -46,11 +47,23 @@ fn view(application: &[Record], fallback: Option<&[Record]>) -> View {
     }
 }
 
-fn handover(stay_in_bootloader: bool) -> Option<Handover> {
-    Some(Handover {
-        session: 1,
-        stay_in_bootloader,
-    })
+fn handover(stay_in_bootloader: bool) -> Start {
+    Start {
+        cause: ResetCause::Requested,
+        handover: Some(Handover {
+            session: 1,
+            stay_in_bootloader,
+        }),
+        crashes: Crashes::NONE,
+    }
+}
+
+fn crashed(times: u8) -> Start {
+    Start {
+        cause: ResetCause::Watchdog,
+        handover: None,
+        crashes: Crashes(times),
+    }
 }
 
 #[test]
@@ -59,20 +72,20 @@ fn a_record_reads_back_and_none_of_its_bits_may_flip() {
         let bytes = record.to_bytes();
         assert_eq!(bytes[..8], RECORD_MARKER);
         let content: [u8; 24] = bytes[8..].try_into().unwrap();
-        assert_eq!(Record::from_content(&content), Some(record));
+        assert_eq!(Words::from_content(&content), Some(record.words()));
         for bit in 0..24 * 8 {
             let mut flipped = content;
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Record::from_content(&flipped), None, "{record:?} {bit}");
+            assert_eq!(Words::from_content(&flipped), None, "{record:?} {bit}");
         }
     }
-    assert_eq!(Record::from_content(&[0xFF; 24]), None);
-    assert_eq!(Record::from_content(&[0; 24]), None);
+    assert_eq!(Words::from_content(&[0xFF; 24]), None);
+    assert_eq!(Words::from_content(&[0; 24]), None);
 }
 
 #[test]
 fn the_decision_by_what_the_trailers_say() {
-    use Decision::{Restore, Start, Stay};
+    use Decision::{Restore, Stay};
     let failed = [Record::TrialFailed; 3];
     let trial = [&[committed(2, 22)], &failed[..]].concat();
     let confirmed = [&[committed(2, 22), Record::Confirmed], &failed[..]].concat();
@@ -89,23 +102,53 @@ fn the_decision_by_what_the_trailers_say() {
         (&[], Some(&updating), Stay(Reason::UpdateIncomplete)),
         // A commit that is older than what has begun since does not count.
         (&trial[..1], Some(&updating), Stay(Reason::UpdateIncomplete)),
-        (&[committed(3, 33)], Some(&updating), Start),
-        (&trial[..1], None, Start),
-        (&trial[..3], Some(&other), Start),
+        (&[committed(3, 33)], Some(&updating), Decision::Start),
+        (&trial[..1], None, Decision::Start),
+        (&trial[..3], Some(&other), Decision::Start),
         (&trial, Some(&other), Restore),
         (&trial, Some(&same), Stay(Reason::TrialFailed)),
         (&trial, None, Stay(Reason::TrialFailed)),
         (&refreshing, Some(&other), Stay(Reason::TrialFailed)),
-        (&confirmed, Some(&other), Start),
+        (&confirmed, Some(&other), Decision::Start),
         (&[], Some(&restoring), Restore),
         (&trial[..1], Some(&restoring), Restore),
-        (&trial[..1], Some(&restored), Start),
+        (&trial[..1], Some(&restored), Decision::Start),
     ] {
         let view = view(application, fallback);
-        assert_eq!(view.decide(None), decision, "{application:?} {fallback:?}");
-        assert_eq!(view.decide(handover(true)), Stay(Reason::Requested));
+        assert_eq!(
+            view.decide(&Start::POWER_ON),
+            decision,
+            "{application:?} {fallback:?}"
+        );
+        assert_eq!(view.decide(&handover(true)), Stay(Reason::Requested));
     }
-    assert_eq!(view(&trial, Some(&other)).decide(handover(false)), Start);
+    assert_eq!(
+        view(&trial, Some(&other)).decide(&handover(false)),
+        Decision::Start
+    );
+}
+
+#[test]
+fn a_confirmed_image_that_fails_eight_times_in_a_row_is_not_started_a_ninth_time() {
+    let confirmed = [committed(2, 22), Record::Confirmed];
+    let [trial, ..] = confirmed;
+    for fallback in [None, Some(&[committed(1, 22)][..])] {
+        let view = view(&confirmed, fallback);
+        assert_eq!(view.decide(&crashed(CRASH_LIMIT - 1)), Decision::Start);
+        for times in [CRASH_LIMIT, u8::MAX] {
+            let stays = Decision::Stay(Reason::CrashLoop);
+            assert_eq!(view.decide(&crashed(times)), stays);
+        }
+        // Power and an explicit order try it again.
+        assert_eq!(view.decide(&Start::POWER_ON), Decision::Start);
+        assert_eq!(view.decide(&handover(false)), Decision::Start);
+    }
+    // Whatever the flash says comes first: a record in RAM never brings another image.
+    let view = view(
+        &[trial],
+        Some(&[committed(1, 11), Record::RestoreBegun { generation: 3 }]),
+    );
+    assert_eq!(view.decide(&crashed(CRASH_LIMIT)), Decision::Restore);
 }
 
 #[test]
@@ -115,11 +158,11 @@ fn a_damaged_image_is_replaced_if_there_is_another_one() {
         ..view(&[committed(2, 22)], fallback)
     };
     assert_eq!(
-        damaged(None).decide(None),
+        damaged(None).decide(&Start::POWER_ON),
         Decision::Stay(Reason::ImageDamaged)
     );
     assert_eq!(
-        damaged(Some(&[committed(1, 11)])).decide(None),
+        damaged(Some(&[committed(1, 11)])).decide(&Start::POWER_ON),
         Decision::Restore
     );
 }

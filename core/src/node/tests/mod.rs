@@ -29,9 +29,10 @@ struct Bench {
     snapshot: Snapshot,
     now: Instant,
     sent: Vec<(Instant, Frame)>,
-    /// What the node has asked for, but for confirmations.
+    /// What the node has asked for, but for confirmations and being called healthy.
     actions: Vec<Action>,
     confirmations: u32,
+    healthy: u32,
     /// How the settings memory fails.
     memory: Option<SaveError>,
 }
@@ -62,6 +63,7 @@ impl Bench {
             sent: Vec::new(),
             actions: Vec::new(),
             confirmations: 0,
+            healthy: 0,
             memory: None,
         }
     }
@@ -78,6 +80,10 @@ impl Bench {
         while let Some(action) = self.node.take_action() {
             if action == Action::Confirm {
                 self.confirmations += 1;
+                continue;
+            }
+            if action == Action::Healthy {
+                self.healthy += 1;
                 continue;
             }
             self.actions.push(action);

@@ -36,10 +36,10 @@ fn the_reset_s_cause_detail_place_and_count_are_read_over_the_bus() {
         bench.receive(&Frame::extended(0x1FFF_FFFF, []));
         let expected = [*cause as u32, 0x8000_0001, 0xDEAD_BEEF, 7];
         assert_eq!(read(&mut bench), expected);
-        let crash = [137, 138, 139].map(|parameter| bench.get(parameter).value);
+        let crash = [153, 154, 155].map(|parameter| bench.get(parameter).value);
         assert_eq!(crash, [*cause as u32, 0x8000_0002, 0xBEEF_DEAD]);
         // Writing is answered and changes nothing.
-        for parameter in [130, 132, 133, 134, 135, 136, 137, 138, 139] {
+        for parameter in [130, 132, 133, 134, 135, 136, 153, 154, 155] {
             let before = bench.get(parameter).value;
             let answer = bench.set(parameter, 1234);
             assert_eq!((answer.code, answer.value), (0, before));

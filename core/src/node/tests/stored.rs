@@ -3,6 +3,8 @@
 use std::vec::Vec;
 
 use super::*;
+use crate::reset::HEALTHY_AFTER;
+use crate::time::TICK;
 
 #[test]
 fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
@@ -15,6 +17,7 @@ fn every_parameter_reads_its_default_and_unknown_ones_are_refused() {
                 let expected = match id {
                     // The table holds no default for what is computed; the bench was switched on.
                     ParameterId::ResetCause => crate::reset::ResetCause::PowerOn as u32,
+                    ParameterId::Leds => bench.node.leds(bench.now, &bench.snapshot).to_bits(),
                     _ => id.row().default,
                 };
                 assert_eq!((response.value, response.code), (expected, 0), "{code}");
@@ -195,4 +198,20 @@ fn the_first_answer_that_is_sent_confirms_the_image_once() {
     bench.get(16);
     bench.run(1);
     assert_eq!(bench.confirmations, 1);
+}
+
+#[test]
+fn a_node_calls_itself_healthy_after_ten_seconds_or_with_its_first_answer() {
+    let mut bench = Bench::connected();
+    let end = Instant::ZERO + HEALTHY_AFTER;
+    while bench.now + TICK < end {
+        bench.run(1);
+    }
+    assert_eq!(bench.healthy, 0);
+    bench.run(2 + 40_000);
+    assert_eq!(
+        (bench.healthy, bench.confirmations),
+        (1, 0),
+        "once, by time"
+    );
 }

@@ -75,13 +75,13 @@ pub struct Entry {
     pub value: Value,
 }
 
-/// What a writer puts into a set.
+/// What a writer puts into a set. Behind `dyn` wherever it is used, so that the code which writes a set exists once.
 pub trait Content {
     /// True if entries with this key are the writer's: those of the set before are left out.
     fn owns(&self, key: Key) -> bool;
 
     /// Puts the writer's entries, the same ones in the same order each time.
-    fn put<S: Sink>(&self, sink: &mut S);
+    fn put(&self, sink: &mut dyn Sink);
 }
 
 /// Takes entries.
@@ -113,7 +113,7 @@ impl Content for Change<'_> {
         key == self.key
     }
 
-    fn put<S: Sink>(&self, sink: &mut S) {
+    fn put(&self, sink: &mut dyn Sink) {
         if let Some(value) = self.value {
             sink.entry(self.key, value);
         }
@@ -215,9 +215,9 @@ pub(super) struct Pass<'f, F> {
 
 impl<'f, F: NorFlash> Pass<'f, F> {
     /// Takes the writer's entries, then those of `before` that are not the writer's.
-    pub(super) fn run<C: Content>(
+    pub(super) fn run(
         flash: &'f mut F,
-        content: &C,
+        content: &dyn Content,
         before: Option<&Set>,
         work: Use,
     ) -> Self {

@@ -168,10 +168,10 @@ impl Journal {
     /// # Errors
     /// See [`SaveError`]. [`SaveError::EraseDue`] only if `may_erase` is false; the same call may then
     /// succeed later.
-    pub fn save<F: NorFlash, C: Content>(
+    pub fn save<F: NorFlash>(
         &mut self,
         flash: &mut F,
-        content: &C,
+        content: &dyn Content,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {
         if self.is_newer_format() {
@@ -188,10 +188,10 @@ impl Journal {
     }
 
     /// Writes one set. If the memory fails, what was touched is not used again.
-    fn append<F: NorFlash, C: Content>(
+    fn append<F: NorFlash>(
         &mut self,
         flash: &mut F,
-        content: &C,
+        content: &dyn Content,
         repeat: Repeat,
         may_erase: bool,
     ) -> Result<Saved, SaveError> {

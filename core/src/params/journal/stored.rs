@@ -27,7 +27,7 @@ impl Content for Stored {
     }
 
     /// What is at its default takes no room.
-    fn put<S: Sink>(&self, sink: &mut S) {
+    fn put(&self, sink: &mut dyn Sink) {
         if self.number != 0 {
             sink.entry(Key::NUMBER, &[self.number]);
         }

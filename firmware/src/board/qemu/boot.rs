@@ -24,6 +24,19 @@ use crate::record::Cause;
 /// would be copied through several stack frames on its way into a static.
 static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
+/// Vectors of the first interrupts, up to that of USART1 (RM0090, table 62). The linker puts them behind the exceptions.
+#[used]
+#[unsafe(link_section = ".vector_table.bus")]
+static VECTORS: [unsafe extern "C" fn(); 38] = {
+    unsafe extern "C" {
+        fn DefaultHandler();
+        fn USART1();
+    }
+    let mut vectors = [DefaultHandler as unsafe extern "C" fn(); 38];
+    vectors[Interrupt::USART1 as usize] = USART1;
+    vectors
+};
+
 /// The board's part of the loader.
 struct Front {
     bus: SlcanBus,

@@ -1,32 +1,60 @@
 //! CAN1 (bxCAN, 32) as the node's bus. Its interrupts move frames and repeat what was destroyed; nothing
-//! is parsed in them.
+//! is parsed in them. The bootloader enables none and does the same in each pass.
 
+#[cfg(not(feature = "bootloader"))]
 use cortex_m::peripheral::NVIC;
 use embedded_can::{ExtendedId, Id, StandardId};
+use stm32_metapac::CAN1;
 use stm32_metapac::can::vals::{Ide, Lec, Rtr};
-use stm32_metapac::{CAN1, Interrupt, interrupt};
+#[cfg(not(feature = "bootloader"))]
+use stm32_metapac::{Interrupt, interrupt};
 use windlass_core::frame::Frame;
-use windlass_core::node::Transmission;
+use windlass_core::node::{Attempts, Transmission};
 use windlass_core::time::Instant;
 
-use crate::chip::stm32::{PRIORITY_CAN, Pin, enable};
-use crate::mailbox::{Attempt, Mailbox};
+use crate::chip::stm32::Pin;
+#[cfg(not(feature = "bootloader"))]
+use crate::chip::stm32::{PRIORITY_CAN, enable};
+use crate::mailbox::Attempt;
+#[cfg(feature = "bootloader")]
+use crate::mailbox::Line;
+#[cfg(not(feature = "bootloader"))]
+use crate::mailbox::Mailbox;
 use crate::port::{Bus, BusEvent};
 
 /// Alternate function of every CAN1 pin (data sheet, table 9).
 const FUNCTION: u8 = 9;
 
+#[cfg(not(feature = "bootloader"))]
 static MAILBOX: Mailbox = Mailbox::new();
 
 /// The bus; there is one.
 #[derive(Debug, Default)]
 pub struct Can {
     lost: bool,
+    #[cfg(feature = "bootloader")]
+    line: Line,
 }
 
 impl Can {
-    /// Starts the controller with 1 Mbit/s.
+    /// Starts the controller and its interrupts.
+    #[cfg(not(feature = "bootloader"))]
     pub fn start(nvic: &mut NVIC, receive: Pin, transmit: Pin) -> Self {
+        let can = Self::join(receive, transmit);
+        CAN1.ier().write(|enable| {
+            enable.set_fmpie(0, true);
+            enable.set_tmeie(true);
+            enable.set_lecie(true);
+            enable.set_errie(true);
+        });
+        enable(nvic, Interrupt::CAN1_RX0, PRIORITY_CAN);
+        enable(nvic, Interrupt::CAN1_TX, PRIORITY_CAN);
+        enable(nvic, Interrupt::CAN1_SCE, PRIORITY_CAN);
+        can
+    }
+
+    /// Starts the controller with 1 Mbit/s and without interrupts.
+    pub fn join(receive: Pin, transmit: Pin) -> Self {
         receive.pulled_up();
         receive.alternate(FUNCTION);
         transmit.alternate(FUNCTION);
@@ -45,15 +73,6 @@ impl Can {
             timing.set_sjw(1 - 1);
         });
         accept_everything();
-        CAN1.ier().write(|enable| {
-            enable.set_fmpie(0, true);
-            enable.set_tmeie(true);
-            enable.set_lecie(true);
-            enable.set_errie(true);
-        });
-        enable(nvic, Interrupt::CAN1_RX0, PRIORITY_CAN);
-        enable(nvic, Interrupt::CAN1_TX, PRIORITY_CAN);
-        enable(nvic, Interrupt::CAN1_SCE, PRIORITY_CAN);
         CAN1.mcr().modify(|control| control.set_inrq(false));
         Self::default()
     }
@@ -76,16 +95,16 @@ impl Bus for Can {
         let newly = lost && !self.lost;
         self.lost = lost;
         if newly {
-            MAILBOX.flush();
+            self.flush();
             CAN1.tsr().write(|status| status.set_abrq(0, true));
             return Some(BusEvent::Lost);
         }
-        MAILBOX.poll()
+        self.next_event()
     }
 
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
         let frame = &transmission.frame;
-        MAILBOX.start(transmission.attempts);
+        self.begin(transmission.attempts);
         let mailbox = CAN1.tx(0);
         mailbox
             .tdtr()
@@ -116,38 +135,133 @@ impl Bus for Can {
     }
 
     fn dropped(&self) -> u32 {
-        MAILBOX.dropped()
+        self.lost_frames()
     }
 
     fn errors(&self) -> u32 {
+        self.seen_errors()
+    }
+}
+
+/// Between the bus and what its interrupts have noted.
+#[cfg(not(feature = "bootloader"))]
+impl Can {
+    fn begin(&mut self, attempts: Attempts) {
+        MAILBOX.start(attempts);
+    }
+
+    fn flush(&mut self) {
+        MAILBOX.flush();
+    }
+
+    fn next_event(&mut self) -> Option<BusEvent> {
+        MAILBOX.poll()
+    }
+
+    fn lost_frames(&self) -> u32 {
+        MAILBOX.dropped()
+    }
+
+    fn seen_errors(&self) -> u32 {
         MAILBOX.errors()
     }
 }
 
+/// Between the bus and the controller itself.
+#[cfg(feature = "bootloader")]
+impl Can {
+    fn begin(&mut self, attempts: Attempts) {
+        self.line.start(attempts);
+    }
+
+    fn flush(&mut self) {
+        self.line.flush();
+    }
+
+    fn next_event(&mut self) -> Option<BusEvent> {
+        self.line.poll(attempt_ended(), request, received)
+    }
+
+    // A bootloader counts nothing.
+    fn lost_frames(&self) -> u32 {
+        0
+    }
+
+    fn seen_errors(&self) -> u32 {
+        0
+    }
+}
+
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn CAN1_RX0() {
     while CAN1.rfr(0).read().fmp() > 0 {
-        if let Some(frame) = read_mailbox() {
-            MAILBOX.receive(frame);
-        }
         if CAN1.rfr(0).read().fovr() {
             MAILBOX.count_drop();
         }
-        CAN1.rfr(0).write(|fifo| {
-            fifo.set_rfom(true);
-            fifo.set_fovr(true);
-        });
-        // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
-        while CAN1.rfr(0).read().rfom() {}
+        if let Some(frame) = received() {
+            MAILBOX.receive(frame);
+        }
+    }
+}
+
+#[cfg(not(feature = "bootloader"))]
+#[interrupt]
+fn CAN1_TX() {
+    if let Some(attempt) = attempt_ended()
+        && MAILBOX.ended(attempt)
+    {
+        request();
     }
 }
 
 /// An error was detected (32.8, CAN interrupts). Its code stays in ESR, where the other interrupt reads it.
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn CAN1_SCE() {
     // Writing a one clears the flag; ones at the other flags would clear those.
     CAN1.msr().write(|clear| clear.set_erri(true));
     MAILBOX.count_error();
+}
+
+/// Starts the attempt to send what stands in the mailbox.
+fn request() {
+    CAN1.tx(0)
+        .tir()
+        .modify(|identifier| identifier.set_txrq(true));
+}
+
+/// How the attempt has ended, if it has since this was asked last.
+fn attempt_ended() -> Option<Attempt> {
+    let status = CAN1.tsr().read();
+    if !status.rqcp(0) {
+        return None;
+    }
+    // Writing a one clears the request's flags.
+    CAN1.tsr().write(|clear| clear.set_rqcp(0, true));
+    // Waiting for a busy bus shows as lost arbitration; a missing acknowledge ends with the loss of the bus.
+    Some(if status.txok(0) {
+        Attempt::Sent
+    } else if status.alst(0) || CAN1.esr().read().lec() == Lec::ACK {
+        Attempt::Waiting
+    } else {
+        Attempt::Destroyed
+    })
+}
+
+/// The oldest frame in the FIFO; also none for one that cannot be.
+fn received() -> Option<Frame> {
+    if CAN1.rfr(0).read().fmp() == 0 {
+        return None;
+    }
+    let frame = read_mailbox();
+    CAN1.rfr(0).write(|fifo| {
+        fifo.set_rfom(true);
+        fifo.set_fovr(true);
+    });
+    // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
+    while CAN1.rfr(0).read().rfom() {}
+    frame
 }
 
 fn read_mailbox() -> Option<Frame> {
@@ -169,27 +283,4 @@ fn read_mailbox() -> Option<Frame> {
     low.copy_from_slice(&mailbox.rdlr().read().0.to_le_bytes());
     high.copy_from_slice(&mailbox.rdhr().read().0.to_le_bytes());
     Frame::new(id, data.get(..length)?)
-}
-
-#[interrupt]
-fn CAN1_TX() {
-    let status = CAN1.tsr().read();
-    if !status.rqcp(0) {
-        return;
-    }
-    // Writing a one clears the request's flags.
-    CAN1.tsr().write(|clear| clear.set_rqcp(0, true));
-    // Waiting for a busy bus shows as lost arbitration; a missing acknowledge ends with the loss of the bus.
-    let attempt = if status.txok(0) {
-        Attempt::Sent
-    } else if status.alst(0) || CAN1.esr().read().lec() == Lec::ACK {
-        Attempt::Waiting
-    } else {
-        Attempt::Destroyed
-    };
-    if MAILBOX.ended(attempt) {
-        CAN1.tx(0)
-            .tir()
-            .modify(|identifier| identifier.set_txrq(true));
-    }
 }

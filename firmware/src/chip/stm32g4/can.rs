@@ -1,16 +1,25 @@
 //! FDCAN1 (RM0440, 44) in classic mode as the node's bus. Its interrupt moves frames and repeats what was
-//! destroyed; nothing is parsed in it.
+//! destroyed; nothing is parsed in it. The bootloader enables none and does the same in each pass.
 
+#[cfg(not(feature = "bootloader"))]
 use cortex_m::peripheral::NVIC;
 use embedded_can::{ExtendedId, Id, StandardId};
 use stm32_metapac::can::vals::{Anfe, Anfs, Lec, Tfqm};
-use stm32_metapac::{FDCAN1, FDCANRAM1, Interrupt, interrupt};
+use stm32_metapac::{FDCAN1, FDCANRAM1};
+#[cfg(not(feature = "bootloader"))]
+use stm32_metapac::{Interrupt, interrupt};
 use windlass_core::frame::Frame;
-use windlass_core::node::Transmission;
+use windlass_core::node::{Attempts, Transmission};
 use windlass_core::time::Instant;
 
-use crate::chip::stm32::{PRIORITY_CAN, Pin, enable};
-use crate::mailbox::{Attempt, Mailbox};
+use crate::chip::stm32::Pin;
+#[cfg(not(feature = "bootloader"))]
+use crate::chip::stm32::{PRIORITY_CAN, enable};
+use crate::mailbox::Attempt;
+#[cfg(feature = "bootloader")]
+use crate::mailbox::Line;
+#[cfg(not(feature = "bootloader"))]
+use crate::mailbox::Mailbox;
 use crate::port::{Bus, BusEvent};
 
 /// Alternate function of every FDCAN1 pin (STM32G431 data sheet, table 13).
@@ -25,17 +34,36 @@ const STANDARD_SHIFT: u32 = 18;
 /// Place of the data length code in the second word.
 const LENGTH_SHIFT: u32 = 16;
 
+#[cfg(not(feature = "bootloader"))]
 static MAILBOX: Mailbox = Mailbox::new();
 
 /// The bus; there is one.
 #[derive(Debug, Default)]
 pub struct Can {
     lost: bool,
+    #[cfg(feature = "bootloader")]
+    line: Line,
 }
 
 impl Can {
-    /// Starts the controller with 1 Mbit/s.
+    /// Starts the controller and its interrupt.
+    #[cfg(not(feature = "bootloader"))]
     pub fn start(nvic: &mut NVIC, receive: Pin, transmit: Pin) -> Self {
+        let can = Self::join(receive, transmit);
+        FDCAN1.ie().write(|enable| {
+            enable.set_rfne(0, true);
+            enable.set_rfle(0, true);
+            enable.set_tce(true);
+            enable.set_tcfe(true);
+            enable.set_peae(true);
+        });
+        FDCAN1.ile().write(|lines| lines.set_eint0(true));
+        enable(nvic, Interrupt::FDCAN1_IT0, PRIORITY_CAN);
+        can
+    }
+
+    /// Starts the controller with 1 Mbit/s and without interrupts.
+    pub fn join(receive: Pin, transmit: Pin) -> Self {
         receive.pulled_up();
         receive.alternate(FUNCTION);
         transmit.alternate(FUNCTION);
@@ -63,17 +91,9 @@ impl Can {
             filters.set_anfe(Anfe::ACCEPT_FIFO_0);
             filters.set_anfs(Anfs::ACCEPT_FIFO_0);
         });
+        // The ends of a transmission are told in the interrupt register, whether they interrupt or not.
         FDCAN1.txbtie().write(|sent| sent.set_tie(0, true));
         FDCAN1.txbcie().write(|failed| failed.set_cfie(0, true));
-        FDCAN1.ie().write(|enable| {
-            enable.set_rfne(0, true);
-            enable.set_rfle(0, true);
-            enable.set_tce(true);
-            enable.set_tcfe(true);
-            enable.set_peae(true);
-        });
-        FDCAN1.ile().write(|lines| lines.set_eint0(true));
-        enable(nvic, Interrupt::FDCAN1_IT0, PRIORITY_CAN);
         FDCAN1.cccr().modify(|control| control.set_init(false));
         Self::default()
     }
@@ -88,7 +108,7 @@ impl Bus for Can {
         let newly = lost && !self.lost;
         self.lost = lost;
         if newly {
-            MAILBOX.flush();
+            self.flush();
             FDCAN1.txbcr().write(|cancel| cancel.set_cr(0, true));
             return Some(BusEvent::Lost);
         }
@@ -96,7 +116,7 @@ impl Bus for Can {
             // Rejoins after 129 times eleven recessive bits (44.3.2, bus-off).
             FDCAN1.cccr().modify(|control| control.set_init(false));
         }
-        MAILBOX.poll()
+        self.next_event()
     }
 
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
@@ -117,16 +137,16 @@ impl Bus for Can {
         FDCANRAM1
             .txbuf(3)
             .write_value(u32::from_le_bytes([e, f, g, h]));
-        MAILBOX.start(transmission.attempts);
+        self.begin(transmission.attempts);
         request();
     }
 
     fn dropped(&self) -> u32 {
-        MAILBOX.dropped()
+        self.lost_frames()
     }
 
     fn errors(&self) -> u32 {
-        MAILBOX.errors()
+        self.seen_errors()
     }
 }
 
@@ -136,17 +156,69 @@ fn request() {
     FDCAN1.txbar().write(|add| add.set_ar(0, true));
 }
 
+/// Between the bus and what its interrupt has noted.
+#[cfg(not(feature = "bootloader"))]
+impl Can {
+    fn begin(&mut self, attempts: Attempts) {
+        MAILBOX.start(attempts);
+    }
+
+    fn flush(&mut self) {
+        MAILBOX.flush();
+    }
+
+    fn next_event(&mut self) -> Option<BusEvent> {
+        MAILBOX.poll()
+    }
+
+    fn lost_frames(&self) -> u32 {
+        MAILBOX.dropped()
+    }
+
+    fn seen_errors(&self) -> u32 {
+        MAILBOX.errors()
+    }
+}
+
+/// Between the bus and the controller itself.
+#[cfg(feature = "bootloader")]
+impl Can {
+    fn begin(&mut self, attempts: Attempts) {
+        self.line.start(attempts);
+    }
+
+    fn flush(&mut self) {
+        self.line.flush();
+    }
+
+    fn next_event(&mut self) -> Option<BusEvent> {
+        self.line.poll(attempt_ended(), request, received)
+    }
+
+    // A bootloader counts nothing.
+    fn lost_frames(&self) -> u32 {
+        0
+    }
+
+    fn seen_errors(&self) -> u32 {
+        0
+    }
+}
+
+#[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn FDCAN1_IT0() {
     let flags = FDCAN1.ir().read();
     // Writing ones clears what has been seen, and nothing that came since.
-    FDCAN1.ir().write_value(flags);
+    FDCAN1.ir().write(|seen| {
+        seen.set_rfn(0, flags.rfn(0));
+        seen.set_rfl(0, flags.rfl(0));
+        seen.set_pea(flags.pea());
+    });
     while FDCAN1.rxfs(0).read().ffl() > 0 {
-        let place = FDCAN1.rxfs(0).read().fgi();
-        if let Some(frame) = read_element(usize::from(place)) {
+        if let Some(frame) = received() {
             MAILBOX.receive(frame);
         }
-        FDCAN1.rxfa(0).write(|done| done.set_fai(place));
     }
     if flags.rfl(0) {
         MAILBOX.count_drop();
@@ -155,17 +227,28 @@ fn FDCAN1_IT0() {
     if flags.pea() {
         MAILBOX.count_error();
     }
-    if flags.tc() || flags.tcf() {
-        attempt_ended();
+    if let Some(attempt) = attempt_ended()
+        && MAILBOX.ended(attempt)
+    {
+        request();
     }
 }
 
-/// Without automatic repetition every attempt ends in one of two flags (44.3.3, table 408).
-fn attempt_ended() {
-    if FDCAN1.txbrp().read().trp(0) {
-        return;
+/// How the attempt has ended, if it has since this was asked last: without automatic repetition every one ends in one
+/// of two flags (44.3.3, table 408).
+fn attempt_ended() -> Option<Attempt> {
+    let flags = FDCAN1.ir().read();
+    if !flags.tc() && !flags.tcf() {
+        return None;
     }
-    let attempt = if FDCAN1.txbto().read().to(0) {
+    FDCAN1.ir().write(|seen| {
+        seen.set_tc(true);
+        seen.set_tcf(true);
+    });
+    if FDCAN1.txbrp().read().trp(0) {
+        return None;
+    }
+    Some(if FDCAN1.txbto().read().to(0) {
         Attempt::Sent
     } else {
         match FDCAN1.psr().read().lec() {
@@ -173,10 +256,18 @@ fn attempt_ended() {
             // No error: arbitration was lost.
             _ => Attempt::Waiting,
         }
-    };
-    if MAILBOX.ended(attempt) {
-        request();
+    })
+}
+
+/// The oldest frame in the FIFO; also none for one that cannot be.
+fn received() -> Option<Frame> {
+    let state = FDCAN1.rxfs(0).read();
+    if state.ffl() == 0 {
+        return None;
     }
+    let frame = read_element(usize::from(state.fgi()));
+    FDCAN1.rxfa(0).write(|done| done.set_fai(state.fgi()));
+    frame
 }
 
 fn read_element(place: usize) -> Option<Frame> {

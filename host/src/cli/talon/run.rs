@@ -164,6 +164,7 @@ fn show(
         number,
         status,
         now,
+        leds: None,
     };
     if json {
         output::json(&sample.document())?;

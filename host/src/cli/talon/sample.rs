@@ -4,14 +4,19 @@ use std::time::Duration;
 
 use serde_json::{Value as Json, json};
 use windlass_core::dialect::talon_srx::wire::ModeSelect;
+use windlass_core::led::Leds;
 
-use crate::client::talon::{FaultBits, SelfTest, TalonStatus, units};
+use crate::cli::sample::leds_document;
+use crate::client::leds_text;
+use crate::client::talon::{FaultBits, SelfTest, TalonStatus, mode_word, units};
 
 /// The latest status of one Talon at a moment.
 pub(in crate::cli) struct Sample<'a> {
     pub(in crate::cli) number: u8,
     pub(in crate::cli) status: &'a TalonStatus,
     pub(in crate::cli) now: Duration,
+    /// What its LEDs show, if they were asked for.
+    pub(in crate::cli) leds: Option<Leds>,
 }
 
 impl Sample<'_> {
@@ -55,6 +60,10 @@ impl Sample<'_> {
         if !report.responding {
             parts.push("stale".to_owned());
         }
+        parts.extend(
+            self.leds
+                .map(|leds| format!("LEDs {}", leds_text(Some(leds)))),
+        );
         parts.join("  ")
     }
 
@@ -84,21 +93,8 @@ impl Sample<'_> {
             "reverse_limit": general.map(|general| general.faults.reverse_limit),
             "faults": general.map(|_| names(report.faults())),
             "sticky_faults": feedback.map(|_| names(report.sticky_faults())),
+            "leds": self.leds.map(leds_document),
             "stale": !report.responding,
         })
-    }
-}
-
-/// A mode in the words of the other dialect's samples.
-fn mode_word(mode: ModeSelect) -> &'static str {
-    match mode {
-        ModeSelect::Duty => "duty",
-        ModeSelect::Position => "position",
-        ModeSelect::Velocity => "velocity",
-        ModeSelect::Current => "current",
-        ModeSelect::VoltageCompensation => "voltage compensation",
-        ModeSelect::Follower => "follower",
-        ModeSelect::NoDrive => "no drive",
-        ModeSelect::Reserved(_) => "reserved",
     }
 }

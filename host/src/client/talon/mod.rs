@@ -39,6 +39,7 @@ pub use parameters::Profile;
 pub use robot::{ANSWER_TIME, CONTROL_PERIOD_MS, EnableStyle, GLOBAL_PERIOD, Robot};
 pub use safety::DEFAULT_EXPIRATION;
 pub use self_test::{Pin, QUICK_SUCCESSION, SelfTest, mode_name};
+pub(crate) use status::mode_word;
 pub use status::{Reading, STALE_AFTER, Stamped, TalonStatus};
 
 pub(super) use status::sender;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use windlass_core::dialect::talon_srx::wire::{
-    ParameterValue, Status1, Status2, Status3, Status4, Status5, id,
+    ModeSelect, ParameterValue, Status1, Status2, Status3, Status4, Status5, id,
 };
 use windlass_core::frame::Frame;
 use windlass_core::frc_id;
@@ -163,5 +163,19 @@ pub(super) fn reading<T: Copy, U: Default>(
         age: frame.map(|stamped| now.saturating_sub(stamped.at)),
         number,
         what,
+    }
+}
+
+/// A mode in the words that the DMC60C's modes have too.
+pub(crate) fn mode_word(mode: ModeSelect) -> &'static str {
+    match mode {
+        ModeSelect::Duty => "duty",
+        ModeSelect::Position => "position",
+        ModeSelect::Velocity => "velocity",
+        ModeSelect::Current => "current",
+        ModeSelect::VoltageCompensation => "voltage compensation",
+        ModeSelect::Follower => "follower",
+        ModeSelect::NoDrive => "no drive",
+        ModeSelect::Reserved(_) => "reserved",
     }
 }
