@@ -1,8 +1,10 @@
 //! Inputs that take the engine through every mode, flag and fault, and a fingerprint of what it makes of
 //! them. Integers only and no clock: the same seed gives the same inputs on every machine.
 
+use windlass_core::dialect::DialectKind;
 use windlass_core::engine::command::{
-    Command, DriveOpts, LimitOverride, MasterReport, Neutral, SetPosition, Setpoint, Slot,
+    Command, DriveOpts, LimitOverride, MasterReport, Neutral, SensorSelect, SetPosition, Setpoint,
+    Slot,
 };
 use windlass_core::engine::limit::Directions;
 use windlass_core::engine::pidf::Gains;
@@ -76,6 +78,36 @@ impl Exercise {
         }
         self.measure(&mut random, actuation);
         self.random = random.0;
+    }
+
+    /// The present inputs for a drive in throttle units: its policy, its gains and every sensor it has.
+    #[must_use]
+    pub fn in_throttle_units(&self) -> (Settings, Command) {
+        let gains = |slot: &SlotSettings| ThrottleGains {
+            p: slot.gains.p.unsigned_abs(),
+            i: slot.gains.i.unsigned_abs(),
+            d: slot.gains.d.unsigned_abs(),
+            f: slot.gains.f,
+            zone: slot.gains.allowable_error << 8,
+            ramp: slot.ramp >> 5,
+        };
+        let [zero, one] = &self.settings.slots;
+        let settings = Settings {
+            policy: DialectKind::TalonSrx.policy(),
+            throttle_slots: [gains(zero), gains(one)],
+            ..self.settings
+        };
+        let mut command = self.command;
+        command.enable.sequence = command.sequence;
+        command.opts.ramp >>= 5;
+        command.opts.sensor = match command.sequence / 16 % 5 {
+            0 => SensorSelect::Quadrature,
+            1 => SensorSelect::AnalogPotentiometer,
+            2 => SensorSelect::AnalogEncoder,
+            3 => SensorSelect::RisingEdges,
+            _ => SensorSelect::None,
+        };
+        (settings, command)
     }
 
     fn give_command(&mut self, random: &mut Random) {
@@ -446,6 +478,32 @@ mod tests {
                 "{timeouts} {limited} {refused} {braked} {driven}"
             );
         }
+    }
+
+    #[test]
+    fn a_drive_in_throttle_units_is_taken_through_its_modes_and_sensors() {
+        let mut engine = Engine::new();
+        let mut exercise = Exercise::new(1);
+        let mut actuation = Actuation::Off;
+        let mut driven = BTreeSet::new();
+        let (mut refused, mut neutral) = (0, 0);
+        for _ in 0..200_000 {
+            exercise.advance(actuation);
+            let (settings, command) = exercise.in_throttle_units();
+            let snapshot = engine.tick(&settings, &exercise.sample, &command);
+            actuation = snapshot.actuation;
+            if matches!(actuation, Actuation::Drive(_)) {
+                driven.insert((snapshot.mode as u8, command.opts.sensor as u8));
+            }
+            refused += u32::from(!snapshot.limits.refused.is_empty());
+            neutral += u32::from(actuation == Actuation::Brake);
+        }
+        // Duty cycle, velocity, position and follower, each with quadrature, both analog ones and edges.
+        for mode in [0, 1, 2, 5] {
+            let sensors = driven.iter().filter(|found| found.0 == mode);
+            assert!(sensors.count() >= 4, "mode {mode}: {driven:?}");
+        }
+        assert!(refused > 500 && neutral > 500, "{refused} {neutral}");
     }
 
     #[test]

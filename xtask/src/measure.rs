@@ -25,7 +25,7 @@ struct Subject {
     yardstick: &'static str,
 }
 
-const SUBJECTS: [Subject; 8] = [
+const SUBJECTS: [Subject; 11] = [
     Subject {
         symbol: "measured_pidf",
         about: "one PIDF step, all gains",
@@ -36,6 +36,24 @@ const SUBJECTS: [Subject; 8] = [
         symbol: "measured_tick",
         about: "one tick, every mode and flag",
         budget: Some((180, 250)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_throttle_law",
+        about: "one step of the Talon's law, all gains",
+        budget: Some((50, 50)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_throttle_tick",
+        about: "one tick as a Talon, every mode, sensor and flag",
+        budget: Some((180, 250)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_talon_decode",
+        about: "Talon control frame, decode",
+        budget: Some((40, 40)),
         yardstick: "",
     },
     Subject {

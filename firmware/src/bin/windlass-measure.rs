@@ -10,10 +10,13 @@ use core::hint::black_box;
 use cortex_m_semihosting::debug;
 use windlass_core::dialect::dmc60c::wire::id;
 use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
+use windlass_core::dialect::talon_srx::TalonSrx;
+use windlass_core::dialect::talon_srx::wire::id as talon_id;
 use windlass_core::dialect::{Decoded, Device, Dialect, View};
 use windlass_core::engine::command::Command;
 use windlass_core::engine::pidf::{Gains, Pidf, Unit};
 use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
+use windlass_core::engine::throttle_law::{Input, ThrottleGains, ThrottleLaw};
 use windlass_core::engine::{Board, Engine, Settings};
 use windlass_core::frame::Frame;
 use windlass_core::node::{Node, NodeConfig};
@@ -40,6 +43,31 @@ fn measured_tick(
     command: &Command,
 ) -> Actuation {
     engine.tick(settings, sample, command).actuation
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_throttle_law(law: &mut ThrottleLaw, gains: &ThrottleGains, input: &Input) -> i32 {
+    law.step(gains, input)
+}
+
+// A section of its own, or the linker would fold it into its twin above.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_throttle_tick")]
+#[inline(never)]
+fn measured_throttle_tick(
+    engine: &mut Engine,
+    settings: &Settings,
+    sample: &Sample,
+    command: &Command,
+) -> Actuation {
+    engine.tick(settings, sample, command).actuation
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn measured_talon_decode(talon: &mut TalonSrx, frame: &Frame) -> Decoded {
+    talon.decode(NUMBER, frame)
 }
 
 #[unsafe(no_mangle)]
@@ -87,6 +115,7 @@ fn measured_node_idle(node: &mut Node, now: Instant, snapshot: &Snapshot) -> boo
 fn main() -> ! {
     let snapshot = engine();
     law();
+    throttle();
     dialect(&snapshot);
     node(&snapshot);
     debug::exit(debug::EXIT_SUCCESS);
@@ -131,6 +160,47 @@ fn law() {
             Unit::Fixed
         };
         black_box(measured_pidf(&mut law, &gains, at << 18, error, unit));
+    }
+}
+
+/// The drive in throttle units: its law alone, whole ticks over every mode, sensor and flag, and its frames.
+#[inline(never)]
+fn throttle() {
+    let gains = ThrottleGains {
+        p: 3 << 20,
+        i: 1 << 10,
+        d: 5 << 22,
+        f: 1 << 18,
+        zone: 150,
+        ramp: 40,
+    };
+    let mut law = ThrottleLaw::new();
+    for at in 0..CALLS as i32 {
+        let input = Input {
+            target: at << 8,
+            measured: (at << 8) - (at * 7919) % 400 + 200,
+            applied: 0,
+            reverse: at % 3 == 0,
+            one_direction: at % 5 == 0,
+        };
+        black_box(measured_throttle_law(&mut law, &gains, &input));
+    }
+    let mut engine = Engine::new();
+    let mut exercise = Exercise::new(1);
+    let mut actuation = Actuation::Off;
+    for _ in 0..TICKS {
+        exercise.advance(actuation);
+        let (settings, command) = exercise.in_throttle_units();
+        actuation = measured_throttle_tick(&mut engine, &settings, &exercise.sample, &command);
+    }
+    let mut talon = TalonSrx::default();
+    for at in 0..CALLS {
+        let [low, middle, ..] = at.to_le_bytes();
+        let base = [talon_id::CONTROL_1, talon_id::CONTROL_5][at as usize % 2];
+        // Modes 0 to 7, every override, all sensors.
+        let data = [0, 0, 0, middle, low, low, (at as u8) << 4 | low >> 4, 1];
+        let frame = Frame::extended(base | u32::from(NUMBER), data);
+        black_box(measured_talon_decode(&mut talon, &frame));
     }
 }
 
