@@ -49,6 +49,8 @@ pub struct Engine {
     revision: u32,
     /// Setpoint in force.
     setpoint: Setpoint,
+    /// It is the command's, which has been kept alive.
+    in_force: bool,
     /// Neutral behaviour of the command, as long as it has not timed out.
     neutral: Option<Neutral>,
     /// Nothing has been driven since the control laws were reset.
@@ -78,6 +80,7 @@ impl Engine {
             // Not the number that a first command is likely to have.
             revision: u32::MAX,
             setpoint: Setpoint::Off,
+            in_force: false,
             neutral: None,
             rests: false,
             sensors: Sensors::new(),
@@ -102,7 +105,10 @@ impl Engine {
         if command.revision != self.revision {
             self.obey(settings, command);
         } else if let Some(event) = self.liveness.update(command, self.snapshot.pulse_valid) {
-            self.put_in_force(settings, command, Some(event));
+            self.snapshot.state = transition(self.snapshot.state, event);
+            if self.liveness.is_in_force() != self.in_force {
+                self.put_in_force(settings, command);
+            }
         }
         let switch_hit = switches_hit(&settings.limits, sample.pins.limits());
         self.sensors
@@ -137,15 +143,16 @@ impl Engine {
         let event = self.liveness.obey(&settings.policy, command);
         let pulse_valid = self.snapshot.pulse_valid;
         let event = event.or_else(|| self.liveness.update(command, pulse_valid));
-        self.put_in_force(settings, command, event);
-    }
-
-    /// Takes over what the command is by now: state, setpoint and options in force.
-    #[inline(never)]
-    fn put_in_force(&mut self, settings: &Settings, command: &Command, event: Option<Event>) {
         if let Some(event) = event {
             self.snapshot.state = transition(self.snapshot.state, event);
         }
+        self.put_in_force(settings, command);
+    }
+
+    /// Takes over what the command is by now: setpoint and options in force.
+    #[inline(never)]
+    fn put_in_force(&mut self, settings: &Settings, command: &Command) {
+        self.in_force = self.liveness.is_in_force();
         self.setpoint = self.liveness.setpoint(command);
         self.follower
             .obey(&settings.policy, self.setpoint, command.master);

@@ -144,7 +144,7 @@ impl Liveness {
     }
 
     /// One tick in which [`Liveness::obey`] had nothing to say; gives what happens to the state, if anything. The
-    /// setpoint in force changes only with an event or a changed command.
+    /// setpoint in force changes only with [`Liveness::is_in_force`] or a changed command.
     #[inline]
     pub fn update(&mut self, command: &Command, pulse_valid: bool) -> Option<Event> {
         match self.watched {
@@ -201,6 +201,13 @@ impl Liveness {
     #[must_use]
     pub const fn has_expired(&self) -> bool {
         self.expired
+    }
+
+    /// True while a driving command, and its permission, are alive. Never for the RC-PWM input, which needs
+    /// neither.
+    #[must_use]
+    pub const fn is_in_force(&self) -> bool {
+        self.in_force
     }
 
     /// The setpoint in force: off unless a driving command is alive.
