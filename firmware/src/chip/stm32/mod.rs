@@ -30,6 +30,8 @@ use crate::record::Cause;
 const PRIORITY_SUPPLY: u8 = 0x00;
 const PRIORITY_TICK: u8 = 0x10;
 const PRIORITY_INDEX: u8 = 0x40;
+/// Bootloaders serve their CAN controller without interrupts.
+#[cfg(not(feature = "bootloader"))]
 pub(super) const PRIORITY_CAN: u8 = 0x80;
 
 /// A watchdog period: a prescaler of the LSI of 32 kHz (17 to 47 kHz over all parts), and what is counted down
