@@ -194,7 +194,9 @@ class EmulatorTest(unittest.TestCase):
                 print(name, value, file=file)
 
     def note_stack(self):
-        self.note("stack", self.emulator.stack())
+        # A test that has ended the program has nobody to ask.
+        if self.emulator.printed is None:
+            self.note("stack", self.emulator.stack())
 
     # --- frames -------------------------------------------------------------------------------
 
