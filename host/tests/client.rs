@@ -182,11 +182,12 @@ fn a_factory_reset_puts_everything_back_but_number_and_serial_number() {
     assert_eq!(strings.text(Descriptor::SerialNumber), "UNKNOWN");
 }
 
-/// What a parameter of a device that was just switched on reads.
-fn fresh(row: &Parameter) -> u32 {
+/// What a parameter of a device that was just switched on reads; nothing for what shows the moment.
+fn fresh(row: &Parameter) -> Option<u32> {
     match row.id {
-        ParameterId::ResetCause => ResetCause::PowerOn as u32,
-        _ => row.default,
+        ParameterId::ResetCause => Some(ResetCause::PowerOn as u32),
+        ParameterId::Leds => None,
+        _ => Some(row.default),
     }
 }
 
@@ -196,7 +197,8 @@ fn every_parameter_reads_its_default() {
     let address = only(&mut client);
     for row in &TABLE {
         let value = client.parameter(address, row.id).unwrap();
-        assert_eq!(value.raw, fresh(row), "{}", row.name);
+        let expected = fresh(row).unwrap_or(value.raw);
+        assert_eq!(value.raw, expected, "{}", row.name);
     }
 }
 
@@ -367,7 +369,8 @@ fn a_lossy_bus_is_survived_by_asking_again() {
     for row in &TABLE {
         let value = client.parameter(address, row.id).unwrap();
         if row.id != ParameterId::TransmissionsFailed {
-            assert_eq!(value.raw, fresh(row), "{}", row.name);
+            let expected = fresh(row).unwrap_or(value.raw);
+            assert_eq!(value.raw, expected, "{}", row.name);
         }
     }
 }
