@@ -128,6 +128,13 @@ impl Set {
         self.finish_crc(crc) == self.crc
     }
 
+    /// True if the whole set is found where it was written, but for its seal.
+    pub(super) fn reads_back<F: NorFlash>(&self, flash: &mut F) -> bool {
+        read_cell(flash, self.address) == Some(MAGIC)
+            && Self::read_header(flash, self.address, self.end()) == Some(*self)
+            && self.is_whole(flash)
+    }
+
     /// True if the set was completed: its bits are stable.
     pub(super) fn is_sealed<F: NorFlash>(&self, flash: &mut F) -> bool {
         read_cell(flash, self.seal()) == Some(SEAL)

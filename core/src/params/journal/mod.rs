@@ -239,7 +239,7 @@ impl Journal {
         set.write_header(flash).map_err(|_| SaveError::Memory)?;
         let work = Use::Program(set.entries());
         let programmed = Pass::run(flash, content, before.as_ref(), work).good;
-        if !programmed || !set.is_whole(flash) {
+        if !programmed || !set.reads_back(flash) {
             return Err(SaveError::Memory);
         }
         set.write_seal(flash).map_err(|_| SaveError::Memory)?;
@@ -276,6 +276,10 @@ impl Journal {
                 return Err(SaveError::EraseDue);
             }
             self.next.erase(flash).map_err(|_| SaveError::Memory)?;
+            // A memory that fails without a word has left it as it was.
+            if self.next.room::<F>() < extent {
+                return Err(SaveError::Memory);
+            }
         }
         Ok(true)
     }
