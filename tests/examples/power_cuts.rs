@@ -18,7 +18,7 @@ fn main() -> ExitCode {
     };
     let begin = Instant::now();
     println!(
-        "{:<28} {:<10} {:>5} {:>7} {:>6} {:>7} {:>7} {:>7} {:>5} {:>6} {:>8} {:>7}",
+        "{:<28} {:<10} {:>5} {:>7} {:>6} {:>7} {:>7} {:>7} {:>5} {:>6} {:>8} {:>7} {:>5}",
         "scenario",
         "chip",
         "ops",
@@ -30,7 +30,8 @@ fn main() -> ExitCode {
         "wrong",
         "bricks",
         "settings",
-        "misuses"
+        "misuses",
+        "over"
     );
     let mut sum = Report::default();
     for (index, scenario) in scenarios().iter().enumerate() {
@@ -59,7 +60,7 @@ fn main() -> ExitCode {
 
 fn print(name: &str, chip: &str, report: &Report) {
     println!(
-        "{name:<28} {chip:<10} {:>5} {:>7} {:>6} {:>7} {:>7} {:>7} {:>5} {:>6} {:>8} {:>7}",
+        "{name:<28} {chip:<10} {:>5} {:>7} {:>6} {:>7} {:>7} {:>7} {:>5} {:>6} {:>8} {:>7} {:>5}",
         report.operations,
         report.cuts,
         report.pairs,
@@ -69,6 +70,7 @@ fn print(name: &str, chip: &str, report: &Report) {
         report.wrong,
         report.bricks,
         report.settings,
-        report.misuses
+        report.misuses,
+        report.overprogrammed
     );
 }

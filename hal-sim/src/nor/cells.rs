@@ -36,7 +36,9 @@ struct Torn {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum May {
     Yes,
-    /// The chip refuses, but the caller could not know.
+    /// Over another value whose programming was interrupted and of which nothing is to be seen.
+    Over,
+    /// It is not erased, but has been seen so.
     No,
     Misuse,
 }
@@ -122,17 +124,27 @@ impl Cells {
 
     pub(super) fn may_program(&mut self, at: usize, data: &[u8], random: &mut Random) -> May {
         let unit = at / self.unit_size;
-        let intended = self.torn.get(&unit).and_then(|torn| torn.intended);
-        match self.units[unit] {
-            Unit::Erased => May::Yes,
-            Unit::Torn if intended == Some(word(data)) => {
-                let mut present = [0xFF; LARGEST_UNIT];
-                let reads_erased = self
-                    .read(at, &mut present[..self.unit_size], random)
-                    .is_ok_and(|()| present == [0xFF; LARGEST_UNIT]);
-                if reads_erased { May::Yes } else { May::No }
-            }
-            Unit::Programmed | Unit::Torn => May::Misuse,
+        let Some(&torn) = self.torn.get(&unit) else {
+            return match self.units[unit] {
+                Unit::Erased => May::Yes,
+                Unit::Programmed | Unit::Torn => May::Misuse,
+            };
+        };
+        let Some(intended) = torn.intended else {
+            return May::Misuse;
+        };
+        let mut present = [0xFF; LARGEST_UNIT];
+        let reads_erased = self
+            .read(at, &mut present[..self.unit_size], random)
+            .is_ok_and(|()| present == [0xFF; LARGEST_UNIT]);
+        let may_read_erased = torn.restless
+            && !torn.unreadable
+            && word(&self.bytes[at..at + self.unit_size]) | torn.unstable == u64::MAX;
+        match (reads_erased, intended == word(data)) {
+            (true, true) => May::Yes,
+            (true, false) => May::Over,
+            (false, _) if may_read_erased => May::No,
+            (false, _) => May::Misuse,
         }
     }
 
@@ -140,6 +152,16 @@ impl Cells {
         self.bytes[at..at + self.unit_size].copy_from_slice(data);
         self.units[at / self.unit_size] = Unit::Programmed;
         self.torn.remove(&(at / self.unit_size));
+    }
+
+    /// Programs over an interrupted unit: a bit that is to stay 1 stays as unstable as it was.
+    pub(super) fn program_over(&mut self, at: usize, data: &[u8]) {
+        let unit = at / self.unit_size;
+        self.bytes[at..at + self.unit_size].copy_from_slice(data);
+        if let Some(torn) = self.torn.get_mut(&unit) {
+            torn.unstable &= word(data);
+            torn.intended = Some(word(data));
+        }
     }
 
     /// Programming was interrupted: each bit that was to become 0 has, or has not, or is unstable. A cut
@@ -165,6 +187,9 @@ impl Cells {
                 1 => sprinkle(random, 1) & (0x1F << random.below(64)),
                 eighths => sprinkle(random, eighths),
             };
+        // What an earlier interruption has left in bits that are not to change.
+        let left = self.torn.get(&(at / self.unit_size));
+        let unstable = unstable | left.map_or(0, |torn| torn.unstable & intended);
         let present = !(changing & done);
         self.bytes[at..at + self.unit_size]
             .copy_from_slice(&present.to_le_bytes()[..self.unit_size]);

@@ -7,10 +7,14 @@
 //! them. From then on every access fails until [`NorChip::power_on`].
 //!
 //! Rules that are enforced: a program unit is programmed once between two erases and never bit by bit,
-//! everything is aligned. A violation is an error, changes nothing and is counted. One exception has a
-//! reason: a unit whose programming was interrupted and that reads as erased *may* be programmed again
-//! with the very same value (nobody can know that it was touched, and the second pulse completes the
-//! first); if it happens not to read as erased at that moment the chip refuses, which is not counted.
+//! everything is aligned. A violation is an error, changes nothing and is counted.
+//!
+//! A unit whose programming was interrupted can read as erased, and then nobody can know that it was
+//! touched. Programmed again with the very same value it is complete: the second pulse ends what the first
+//! has begun. With another value it is *overprogrammed*, which has a count of its own: a chip with an
+//! error-correcting code refuses, on others the bits that were half programmed stay unstable. If bits
+//! change with every read, and the unit does not read as erased at that moment, it is refused and not
+//! counted.
 
 mod cells;
 mod geometry;
@@ -24,7 +28,7 @@ use embedded_storage::nor_flash::{
 };
 
 use crate::random::Random;
-use cells::Cells;
+use cells::{Cells, May};
 pub use geometry::{Geometry, Region, RegionGeometry, STM32F405, STM32G431, STM32G474};
 
 /// Why an access to the flash failed.
@@ -88,6 +92,7 @@ pub struct NorState {
     deadline: Option<(u64, u64)>,
     operations: u64,
     misuses: u64,
+    overprogrammed: Vec<(Region, usize)>,
     programs: u64,
     busy_ns: u64,
     random: Random,
@@ -117,6 +122,7 @@ impl NorChip {
                 deadline: None,
                 operations: 0,
                 misuses: 0,
+                overprogrammed: Vec::new(),
                 programs: 0,
                 busy_ns: 0,
                 random: Random::new(seed, 0xF1A5),
@@ -208,6 +214,13 @@ impl NorChip {
     #[must_use]
     pub fn misuses(&self) -> u64 {
         self.state().misuses
+    }
+
+    /// Where another value was to be programmed over one that was interrupted and could not be seen: region
+    /// and offset, in the order of the attempts.
+    #[must_use]
+    pub fn overprogrammed(&self) -> Vec<(Region, usize)> {
+        self.state().overprogrammed.clone()
     }
 
     /// Time that programming and erasing took so far, in µs, by the data sheet's typical values.
@@ -317,14 +330,23 @@ impl NorState {
     }
 
     fn program(&mut self, index: usize, at: usize, data: &[u8]) -> Result<(), NorError> {
-        match self.regions[index].may_program(at, data, &mut self.random) {
-            cells::May::Yes => {}
-            cells::May::No => return Err(NorError::NotErased),
-            cells::May::Misuse => return Err(self.misuse(NorError::NotErased)),
+        let may = self.regions[index].may_program(at, data, &mut self.random);
+        match may {
+            May::Yes => {}
+            May::Over => {
+                let region = self.geometry.regions[index].region;
+                self.overprogrammed.push((region, at));
+                if self.geometry.error_correction {
+                    return Err(NorError::NotErased);
+                }
+            }
+            May::No => return Err(NorError::NotErased),
+            May::Misuse => return Err(self.misuse(NorError::NotErased)),
         }
         let torn = self.begin(self.geometry.program_ns)?;
         self.programs += 1;
         match torn {
+            None if may == May::Over => self.regions[index].program_over(at, data),
             None => self.regions[index].program(at, data),
             Some(seed) => {
                 let unreadable = self.geometry.error_correction;
