@@ -1,10 +1,13 @@
-//! The whole sweep of I6 for images: `cargo run --release -p windlass-tests --example power_cuts`.
+//! The whole sweep of I6 for images: `cargo run --release -p windlass-tests --example power_cuts [WAYS]`.
+//!
+//! `WAYS` are the different ways to interrupt each operation, 48 unless told.
 
 use std::process::ExitCode;
 use std::time::Instant;
 
 use windlass_tests::boot_cuts::{Chip, Extent, Report, scenarios};
 use windlass_tests::guide_scheme;
+use windlass_tests::parallel::in_order;
 
 fn main() -> ExitCode {
     let ways = std::env::args()
@@ -33,22 +36,31 @@ fn main() -> ExitCode {
         "misuses",
         "over"
     );
+    let scenarios = scenarios();
     let mut sum = Report::default();
-    for (index, scenario) in scenarios().iter().enumerate() {
-        for chip in Chip::ALL {
-            let report = chip.sweep(scenario, extent, index as u64 + 1);
-            print(scenario.name, chip.name(), &report);
+    in_order(
+        scenarios.len() * Chip::ALL.len(),
+        |piece| {
+            let (index, chip) = (piece / Chip::ALL.len(), Chip::ALL[piece % Chip::ALL.len()]);
+            let report = chip.sweep(&scenarios[index], extent, index as u64 + 1);
+            (scenarios[index].name, chip.name(), report)
+        },
+        |_, (scenario, chip, report)| {
+            print(scenario, chip, &report);
             sum = sum.with(report);
-        }
-    }
+        },
+    );
     print("all", "", &sum);
     println!("\nThe guide's scheme, on the flash of the STM32G474:");
     let mut guide = guide_scheme::Report::default();
-    for (index, scenario) in scenarios().iter().enumerate() {
-        let report = guide_scheme::sweep(scenario, extent, index as u64 + 1);
-        println!("{:<28} {report}", scenario.name);
-        guide = guide.with(report);
-    }
+    in_order(
+        scenarios.len(),
+        |index| guide_scheme::sweep(&scenarios[index], extent, index as u64 + 1),
+        |index, report| {
+            println!("{:<28} {report}", scenarios[index].name);
+            guide = guide.with(report);
+        },
+    );
     println!("{:<28} {guide}", "all");
     println!("{:.0} s", begin.elapsed().as_secs_f64());
     if sum.is_clean() {

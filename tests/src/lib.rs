@@ -6,6 +6,7 @@ pub mod boot_cuts;
 pub mod guide_scheme;
 pub mod journal_cuts;
 pub mod lossy_updates;
+pub mod parallel;
 pub mod talon;
 
 use windlass_core::dialect::dmc60c::wire::{
