@@ -42,6 +42,8 @@ pub trait Station {
 ///
 /// # Errors
 /// The bootloader stays.
+// Not inlined: what it needs of the stack is free again before the loader is made.
+#[inline(never)]
 pub fn decide<A: NorFlash, F: NorFlash, J: NorFlash>(
     memory: &mut Memory<'_, A, F, J>,
     record: &Record,

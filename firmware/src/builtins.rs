@@ -10,11 +10,16 @@ use core::arch::global_asm;
 global_asm!(
     ".syntax unified",
     ".section .text.memory, \"ax\"",
-    ".macro function name",
+    ".macro function name, frame=0",
     ".global \\name",
     ".type \\name, %function",
     ".thumb_func",
     "\\name:",
+    // What the compiler notes of its own functions: the bytes of the stack frame, for `cargo xtask stack`.
+    ".pushsection .stack_sizes, \"o\", %progbits, .text.memory",
+    ".4byte \\name",
+    ".uleb128 \\frame",
+    ".popsection",
     ".endm",
     // memcpy(r0 to, r1 from, r2 bytes)
     "function __aeabi_memcpy",
@@ -60,8 +65,8 @@ global_asm!(
     "mov r2, r3",
     "b __aeabi_memset",
     // memcmp(r0 one, r1 other, r2 bytes): the difference of the first two bytes that differ
-    "function memcmp",
-    "function bcmp",
+    "function memcmp, 8",
+    "function bcmp, 8",
     "push {{r4, lr}}",
     "mov r12, r0",
     "movs r0, #0",

@@ -63,13 +63,20 @@ impl Bound {
         })
     }
 
-    /// An error if the stack does not suffice.
-    pub(crate) fn check(&self) -> Result<(), Error> {
-        if self.total <= self.region {
+    /// An error if the stack does not suffice, or if it and the `ram` bytes of static RAM of the bootloader of a real board
+    /// go beyond its budget.
+    pub(crate) fn check(&self, ram: u64, board: &Board, part: Part) -> Result<(), Error> {
+        let (_, budget) = part.budget();
+        let is_limited = part == Part::Bootloader && board.budgeted;
+        let (what, bytes, room) = if self.total > self.region {
+            ("stack", self.total, self.region)
+        } else if is_limited && ram + self.total > budget {
+            ("static RAM and stack", ram + self.total, budget)
+        } else {
             return Ok(());
-        }
+        };
         Err(Error::TooLarge {
-            what: format!("stack {} of {} bytes", self.total, self.region),
+            what: format!("{what} {bytes} of {room} bytes"),
         })
     }
 }
@@ -97,7 +104,14 @@ pub(crate) fn run(name: Option<&str>) -> Result<(), Error> {
                 "  static worst case {} bytes (with {EXCEPTION_FRAME} pushed for each interrupt) of {}",
                 bound.total, bound.region
             );
-            bound.check()?;
+            if part == Part::Bootloader {
+                println!(
+                    "  static RAM        {} bytes, with the stack {}",
+                    image.ram(),
+                    image.ram() + bound.total
+                );
+            }
+            bound.check(image.ram(), &board, part)?;
             if part == Part::Application && board.name == board::EMULATED {
                 println!(
                     "  high-water mark   {} bytes",
@@ -129,5 +143,30 @@ fn show(name: &str, depth: &Depth) {
             let names: Vec<&str> = functions.iter().map(String::as_str).collect();
             println!("    {what}: {}", names.join(", "));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn static_ram_and_stack_of_a_bootloader_beyond_6_kib_fail_the_build() {
+        let judge = |name, part, ram, total| {
+            let levels = Vec::new();
+            let region = 12 * 1024;
+            let bound = Bound {
+                levels,
+                total,
+                region,
+            };
+            bound.check(ram, &board::find(name).unwrap(), part).is_ok()
+        };
+        assert!(judge(board::DEFAULT, Part::Bootloader, 4148, 1996));
+        assert!(!judge(board::DEFAULT, Part::Bootloader, 4148, 1997));
+        // An application's stack is beside its static RAM, and the emulated board holds a serial line's buffers.
+        assert!(judge(board::DEFAULT, Part::Application, 7300, 12 * 1024));
+        assert!(judge(board::EMULATED, Part::Bootloader, 4148, 1997));
+        assert!(!judge(board::EMULATED, Part::Bootloader, 0, 12 * 1024 + 1));
     }
 }

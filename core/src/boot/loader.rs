@@ -25,7 +25,7 @@ use crate::management::{
     Answer, Decoded, ENUMERATION_ATTEMPTS, Identity, Management, Request, SessionIds,
 };
 use crate::node::{Attempts, Counters, Handover, Tag, Transmission, TxOutcome};
-use crate::params::journal::{Change, Journal, Key};
+use crate::params::journal::{Change, Journal, Key, VALUE_CAPACITY};
 use crate::params::table::ParameterId;
 use crate::time::Instant;
 
@@ -53,40 +53,41 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
         }
     }
 
+    /// See [`Journal::read`].
+    fn read(&mut self, key: Key, value: &mut [u8]) -> Option<usize> {
+        self.journal.read(self.settings, key, value)
+    }
+
     fn number(&mut self, identity: &Identity) -> u8 {
-        match self.journal.get(self.settings, Key::NUMBER).as_deref() {
-            Some([number]) => identity.number(*number),
+        let mut number = [0];
+        match (self.read(Key::NUMBER, &mut number), number) {
+            (Some(1), [number]) => identity.number(number),
             _ => 0,
         }
     }
 
     /// The stored dialect, or the default.
     fn dialect(&mut self) -> DialectKind {
-        let key = Key::Parameter(ParameterId::Dialect.code());
-        let code = match self.journal.get(self.settings, key).as_deref() {
-            Some([code, ..]) => u32::from(*code),
-            _ => 0,
-        };
-        DialectKind::from_code(code).unwrap_or(DialectKind::Dmc60c)
+        let mut code = [0];
+        self.read(Key::Parameter(ParameterId::Dialect.code()), &mut code);
+        let [code] = code;
+        DialectKind::from_code(code.into()).unwrap_or(DialectKind::Dmc60c)
     }
 
     fn rollback(&mut self) -> u32 {
-        match self.journal.get(self.settings, Key::ROLLBACK).as_deref() {
-            Some([a, b, c, d]) => u32::from_le_bytes([*a, *b, *c, *d]),
+        let mut counter = [0; 4];
+        match self.read(Key::ROLLBACK, &mut counter) {
+            Some(4) => u32::from_le_bytes(counter),
             _ => 0,
         }
     }
 
-    fn trust(&mut self, product: u32, hardware: u32) -> Trust {
-        let key = self.journal.get(self.settings, Key::SIGNING_KEY);
-        Trust {
-            product,
-            hardware,
-            rollback: self.rollback(),
-            key: key.map(|bytes| {
-                // A key of another length can sign nothing, and that is what it shall do.
-                bytes.first_chunk().copied().unwrap_or([0; KEY_LENGTH])
-            }),
+    fn key(&mut self) -> Option<[u8; KEY_LENGTH]> {
+        let mut key = [0; KEY_LENGTH];
+        match self.read(Key::SIGNING_KEY, &mut key)? {
+            KEY_LENGTH.. => Some(key),
+            // A key of another length can sign nothing, and that is what it shall do.
+            _ => Some([0; KEY_LENGTH]),
         }
     }
 }
@@ -134,7 +135,8 @@ enum Purpose {
 /// The bootloader on the bus.
 #[derive(Clone, Debug)]
 pub struct Loader<P = Page> {
-    config: LoaderConfig,
+    bootloader_version: u16,
+    reason: Reason,
     management: Management<1>,
     updater: Updater<P>,
     trust: Trust,
@@ -156,26 +158,35 @@ impl Loader {
         config: &LoaderConfig,
         memory: &mut Memory<'_, A, F, J>,
     ) -> Self {
-        Self::with_page(config, memory, [0; PAGE_SIZE])
+        let mut loader = Self::blank(config, memory.dialect(), [0; PAGE_SIZE]);
+        loader.recall(memory, config.handover);
+        loader
     }
 }
 
 impl<P: BorrowMut<Page>> Loader<P> {
-    /// A bootloader that stays, with a page buffer of its owner's.
-    #[must_use]
-    pub fn with_page<A: NorFlash, F: NorFlash, J: NorFlash>(
+    /// A bootloader that stays, with a page buffer of its owner's, for as long as `run` runs. It is made where it
+    /// remains: it takes half a kilobyte, and a value that is given back would take that twice.
+    pub fn run<A: NorFlash, F: NorFlash, J: NorFlash, R>(
         config: &LoaderConfig,
         memory: &mut Memory<'_, A, F, J>,
         page: P,
-    ) -> Self {
-        let dialect = memory.dialect();
-        let identity = dialect.identity();
-        let mut loader = Self {
-            config: *config,
-            management: Management::new(ImageType::Bootloader, identity),
-            updater: Updater::new(memory.slots, page),
-            trust: memory.trust(config.product_id, config.hardware),
-            number: memory.number(identity),
+        run: impl FnOnce(&mut Self, &mut Memory<'_, A, F, J>) -> R,
+    ) -> R {
+        let mut loader = Self::blank(config, memory.dialect(), page);
+        loader.recall(memory, config.handover);
+        run(&mut loader, memory)
+    }
+
+    /// A loader that has not read yet what is stored.
+    fn blank(config: &LoaderConfig, dialect: DialectKind, page: P) -> Self {
+        Self {
+            bootloader_version: config.bootloader_version,
+            reason: config.reason,
+            management: Management::new(ImageType::Bootloader, dialect.identity()),
+            updater: Updater::new(page),
+            trust: Trust::new(config.product_id, config.hardware),
+            number: 0,
             style: dialect.led_style(),
             purpose: Purpose::Page(0),
             work: None,
@@ -183,18 +194,31 @@ impl<P: BorrowMut<Page>> Loader<P> {
             identify_since: None,
             sessions: SessionIds::new(config.seed),
             counters: Counters::default(),
-        };
-        if let Some(handover) = config.handover {
-            loader.management.start(handover.session);
+        }
+    }
+
+    /// Reads what is stored.
+    #[inline(never)]
+    fn recall<A: NorFlash, F: NorFlash, J: NorFlash>(
+        &mut self,
+        memory: &mut Memory<'_, A, F, J>,
+        handover: Option<Handover>,
+    ) {
+        self.updater.look(memory.slots);
+        self.trust.rollback = memory.rollback();
+        self.trust.key = memory.key();
+        self.number = memory.number(self.management.identity());
+        if let Some(handover) = handover {
+            self.management.start(handover.session);
             // A reset that ends in the bootloader because there is no application is not answered.
             if handover.stay_in_bootloader {
-                loader.management.finish(CommandCode::InBootloader);
+                self.management.finish(CommandCode::InBootloader);
             }
         }
-        loader
     }
 
     /// Every frame that the controller receives, whomever it is for.
+    #[inline(never)]
     pub fn on_frame(&mut self, now: Instant, frame: &Frame) {
         self.counters.received = self.counters.received.wrapping_add(1);
         if self.management.session().is_none() {
@@ -276,6 +300,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
 
     /// Does what the last frame has asked for; true if it was anything. May take as long as the flash needs
     /// to erase the largest unit.
+    #[inline(never)]
     pub fn work<A: NorFlash, F: NorFlash, J: NorFlash>(
         &mut self,
         memory: &mut Memory<'_, A, F, J>,
@@ -310,6 +335,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
     }
 
     /// Answers a question.
+    #[inline(never)]
     fn tell<A: NorFlash, F: NorFlash, J: NorFlash>(
         &mut self,
         memory: &mut Memory<'_, A, F, J>,
@@ -319,23 +345,17 @@ impl<P: BorrowMut<Page>> Loader<P> {
         match request {
             Request::GetDescriptors => {
                 for which in Descriptor::ALL {
-                    let stored = memory.journal.get(memory.settings, Key::text(which));
-                    let text = stored.as_deref().map(|text| clipped(which, text));
-                    answer.put_descriptor(which, text);
+                    describe(answer, memory, which);
                 }
             }
             Request::GetSequence => {
                 answer.put(&memory.journal.sequence().to_le_bytes());
             }
-            Request::GetPageCrcs => {
-                for crc in memory.slots.application.stored_crcs() {
-                    answer.put(&crc.to_le_bytes());
-                }
-            }
+            Request::GetPageCrcs => put_crcs(answer, memory.slots),
             Request::GetBootStatus => {
-                let reason = self.config.reason;
+                let reason = self.reason;
                 let status = self.updater.status(memory.slots, &self.trust, reason);
-                answer.put(&status.to_bytes());
+                answer.put(&status);
             }
             _ => return,
         }
@@ -367,6 +387,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
     }
 
     /// The next frame to send; see [`Node::poll_tx`](crate::node::Node::poll_tx).
+    #[inline(never)]
     pub fn poll_tx(&mut self, now: Instant) -> Option<Transmission> {
         let versions = self.versions();
         let (frame, answer) = self.management.encode(now, self.number, versions)?;
@@ -408,7 +429,7 @@ impl<P: BorrowMut<Page>> Loader<P> {
         FirmwareVersions {
             image: ImageType::Bootloader,
             application: self.updater.version(),
-            bootloader: self.config.bootloader_version,
+            bootloader: self.bootloader_version,
         }
     }
 
@@ -440,6 +461,27 @@ impl<P: BorrowMut<Page>> Loader<P> {
     #[must_use]
     pub const fn session(&self) -> Option<u16> {
         self.management.session()
+    }
+}
+
+/// Adds a descriptor to an answer. Not inlined, like the next one: what is read is on the stack only meanwhile.
+#[inline(never)]
+fn describe<A: NorFlash, F: NorFlash, J: NorFlash>(
+    answer: &mut Management<1>,
+    memory: &mut Memory<'_, A, F, J>,
+    which: Descriptor,
+) {
+    let mut text = [0; VALUE_CAPACITY];
+    let length = memory.read(Key::text(which), &mut text);
+    let stored = length.and_then(|length| text.get(..length));
+    answer.put_descriptor(which, stored.map(|text| clipped(which, text)));
+}
+
+/// Adds the CRCs of the stored pages to an answer.
+#[inline(never)]
+fn put_crcs<A: NorFlash, F: NorFlash>(answer: &mut Management<1>, slots: &mut Slots<A, F>) {
+    for crc in slots.application.stored_crcs() {
+        answer.put(&crc.to_le_bytes());
     }
 }
 

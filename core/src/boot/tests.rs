@@ -225,7 +225,8 @@ fn update<const E: usize>(hardware: &Hardware, (page, offset): (u8, usize), retr
         let mut memory = Memory::<E>::new(hardware);
         memory.fault = Some(((offset + 800) as u32, fault, u32::MAX));
         let mut slots_of_memory = slots(&mut memory, hardware);
-        let mut updater = Updater::new(&mut slots_of_memory, [0; PAGE_SIZE]);
+        let mut updater = Updater::new([0; PAGE_SIZE]);
+        updater.look(&mut slots_of_memory);
         let result = send(&mut updater, &mut slots_of_memory, hardware);
         assert_eq!(result, Err((page, CommandCode::FlashWriteFailed)));
         assert_eq!(updater.version(), NO_VERSION);
@@ -235,7 +236,8 @@ fn update<const E: usize>(hardware: &Hardware, (page, offset): (u8, usize), retr
         // The flash works again: from page 30 on.
         memory.fault = None;
         let mut slots_of_memory = slots(&mut memory, hardware);
-        let mut updater = Updater::new(&mut slots_of_memory, [0; PAGE_SIZE]);
+        let mut updater = Updater::new([0; PAGE_SIZE]);
+        updater.look(&mut slots_of_memory);
         let result = send(&mut updater, &mut slots_of_memory, hardware);
         assert_eq!(result, Ok(()));
         assert_eq!(updater.version(), VERSION);
@@ -244,7 +246,8 @@ fn update<const E: usize>(hardware: &Hardware, (page, offset): (u8, usize), retr
         let mut memory = Memory::<E>::new(hardware);
         memory.fault = Some(((offset + 800) as u32, fault, 5));
         let mut slots_of_memory = slots(&mut memory, hardware);
-        let mut updater = Updater::new(&mut slots_of_memory, [0; PAGE_SIZE]);
+        let mut updater = Updater::new([0; PAGE_SIZE]);
+        updater.look(&mut slots_of_memory);
         let result = send(&mut updater, &mut slots_of_memory, hardware);
         assert_eq!(result.is_ok(), retries, "five failures, six attempts");
     }

@@ -31,6 +31,17 @@ pub struct Trust {
 }
 
 impl Trust {
+    /// That of a controller which has seen nothing yet.
+    #[must_use]
+    pub const fn new(product: u32, hardware: u32) -> Self {
+        Self {
+            product,
+            hardware,
+            rollback: 0,
+            key: None,
+        }
+    }
+
     /// Judges an image by its header, before anything is written. `room` are the pages that the slot has.
     ///
     /// # Errors

@@ -18,7 +18,7 @@ use super::image::{
     FIRST_PAGE, HEADER_OFFSET, Header, LAST_PAGE, NO_VERSION, PAGE_COUNT, PAGE_SIZE, Page,
 };
 use super::slots::{Log, Record, Refresh, SlotError, Slots, View};
-use super::status::{BootStatus, Reason};
+use super::status::{BootStatus, Reason, STATUS_LENGTH};
 use super::trust::{Trust, is_trusted};
 use crate::crc;
 use crate::management::vendor::CommandCode;
@@ -73,21 +73,22 @@ impl Updater {
 }
 
 impl<P: BorrowMut<Page>> Updater<P> {
-    /// Looks at what is in the slots.
+    /// An updater that has not looked at the slots yet.
     #[must_use]
-    pub fn new<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>, page: P) -> Self {
-        let mut updater = Self {
+    pub const fn new(page: P) -> Self {
+        Self {
             page,
             crc: [0; 4],
-            view: slots.view(),
+            view: View::NOTHING,
             wanted: 0,
             version: NO_VERSION,
-        };
-        updater.look(slots);
-        updater
+        }
     }
 
-    fn look<A: NorFlash, F: NorFlash>(&mut self, slots: &mut Slots<A, F>) {
+    /// Looks at what is in the slots.
+    #[inline(never)]
+    pub fn look<A: NorFlash, F: NorFlash>(&mut self, slots: &mut Slots<A, F>) {
+        slots.look(&mut self.view);
         let header = slots.application.header();
         let stored = self.view.application.stored & 1 << LAST_PAGE != 0;
         let valid = self.view.is_committed() && self.view.whole;
@@ -124,6 +125,7 @@ impl<P: BorrowMut<Page>> Updater<P> {
 
     /// A page has arrived whole: checks it, stores it, and commits the image if it was the last one
     /// missing.
+    #[inline(never)]
     pub fn write<A: NorFlash, F: NorFlash>(
         &mut self,
         slots: &mut Slots<A, F>,
@@ -168,7 +170,7 @@ impl<P: BorrowMut<Page>> Updater<P> {
         self.void(slots);
         let mut result = Err(CommandCode::FlashWriteFailed);
         for _ in 0..ATTEMPTS {
-            self.view.application = Log::default();
+            self.view.application = Log::EMPTY;
             self.view.whole = false;
             self.wanted = 0;
             self.version = NO_VERSION;
@@ -300,7 +302,6 @@ impl<P: BorrowMut<Page>> Updater<P> {
     /// Puts the fallback image back (`vcmdRestoreFallback`).
     pub fn restore<A: NorFlash, F: NorFlash>(&mut self, slots: &mut Slots<A, F>) -> CommandCode {
         let restored = slots.restore(&mut self.view);
-        self.view = slots.view();
         self.look(slots);
         match restored {
             Ok(()) => CommandCode::NoError,
@@ -315,7 +316,7 @@ impl<P: BorrowMut<Page>> Updater<P> {
         slots: &mut Slots<A, F>,
         trust: &Trust,
         reason: Reason,
-    ) -> BootStatus {
+    ) -> [u8; STATUS_LENGTH] {
         let log = &self.view.application;
         let valid = self.version != NO_VERSION;
         let fallback = slots
@@ -338,5 +339,6 @@ impl<P: BorrowMut<Page>> Updater<P> {
             hardware: trust.hardware,
             room: slots.application.room(),
         }
+        .to_bytes()
     }
 }

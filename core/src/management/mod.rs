@@ -92,6 +92,12 @@ impl<const ANSWERS: usize> Management<ANSWERS> {
         }
     }
 
+    /// As what the controller is managed.
+    #[must_use]
+    pub const fn identity(&self) -> &'static Identity {
+        self.identity
+    }
+
     /// The session id; none while no bus is seen.
     #[must_use]
     pub const fn session(&self) -> Option<u16> {

@@ -22,14 +22,14 @@ use crate::record::Cause;
 static PAGE: ConstStaticCell<Page> = ConstStaticCell::new([0; PAGE_SIZE]);
 
 /// The board's part of the loader.
-struct Front {
-    panel: Panel,
+struct Front<'a> {
+    panel: &'a Panel,
     can: Can,
     now: Instant,
     count: u16,
 }
 
-impl Station for Front {
+impl Station for Front<'_> {
     type Bus = Can;
 
     /// While the processor waits for its flash, time stands still by multiples of 65 ms.
@@ -79,15 +79,16 @@ pub(super) fn boot(board: &Description, prepare: impl FnOnce()) -> ! {
     board.panel.start();
     chip::start_clock(board.tick_mhz);
     if let Some(page) = PAGE.try_take() {
-        let mut loader = Loader::with_page(&config, &mut memory, page);
         let [receive, transmit] = board.can;
         let mut front = Front {
-            panel: board.panel,
+            panel: &board.panel,
             can: Can::join(receive, transmit),
             now: Instant::ZERO,
             count: 0,
         };
-        fault::end(stay(&mut front, &mut loader, &mut memory));
+        fault::end(Loader::run(&config, &mut memory, page, |loader, memory| {
+            stay(&mut front, loader, memory)
+        }));
     }
     // It is taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })

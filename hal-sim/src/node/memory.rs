@@ -220,7 +220,8 @@ impl<const W: usize, const S: usize, const J: usize> Memory<W, S, J> {
             rollback: 0,
             key: None,
         };
-        let mut updater = Updater::new(&mut self.slots, [0; PAGE_SIZE]);
+        let mut updater = Updater::new([0; PAGE_SIZE]);
+        updater.look(&mut self.slots);
         for (number, page) in factory_image(self.hardware.id) {
             updater.take(0, &page[..]);
             updater.take(PAGE_SIZE, &page_transfer(&page[..]).to_le_bytes());

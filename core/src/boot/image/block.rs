@@ -1,5 +1,6 @@
 //! The two blocks that tell what an image is: [`InfoBlock`] in page 0 and [`Header`] at the end of page 30.
 
+use super::seal::is_blank;
 use super::{ALL_PAGES, PAGE_SIZE, REQUIRED_PAGES};
 use crate::crc::Crc32;
 
@@ -122,7 +123,13 @@ impl InfoBlock {
         let bytes = bytes
             .first_chunk::<INFO_LENGTH>()
             .ok_or(MalformedInfo::Magic)?;
-        match opened(bytes, INFO_MAGIC, INFO_FORMAT) {
+        match opened(
+            bytes,
+            INFO_MAGIC,
+            INFO_FORMAT,
+            INFO_LENGTH,
+            begun_crc(bytes),
+        ) {
             Ok(identity) => Ok(Self { identity }),
             Err(Flaw::Magic) => Err(MalformedInfo::Magic),
             Err(Flaw::Format) => Err(MalformedInfo::Format),
@@ -186,26 +193,11 @@ impl Header {
         let bytes = bytes
             .first_chunk::<HEADER_LENGTH>()
             .ok_or(MalformedHeader::Magic)?;
-        let identity = opened(bytes, HEADER_MAGIC, HEADER_FORMAT).map_err(|flaw| match flaw {
-            Flaw::Magic => MalformedHeader::Magic,
-            Flaw::Format => MalformedHeader::Format,
-            Flaw::Crc => MalformedHeader::Crc,
-        })?;
-        let header = Self {
-            identity,
-            pages: u32::from_le_bytes(take(bytes, header_at::PAGES)),
-            image_crc: u32::from_le_bytes(take(bytes, header_at::IMAGE_CRC)),
-            signed: Self::signature(bytes) != UNSIGNED_SIGNATURE,
-        };
-        let sound = header.pages & REQUIRED_PAGES == REQUIRED_PAGES
-            && header.pages & !ALL_PAGES == 0
-            && header.identity.version != NO_VERSION
-            && take(bytes, header_at::VERSION) == header.version_word();
-        if sound {
-            Ok(header)
-        } else {
-            Err(MalformedHeader::Content)
+        let mut pieces = HeaderPieces::new();
+        for piece in bytes.as_chunks().0 {
+            pieces.take(piece);
         }
+        pieces.header()
     }
 
     /// The signature in a header's bytes; [`UNSIGNED_SIGNATURE`] if there is none.
@@ -219,6 +211,75 @@ impl Header {
     const fn version_word(&self) -> [u8; 4] {
         let [low, high] = self.identity.version.to_le_bytes();
         [low, high, 0x00, 0xFF]
+    }
+}
+
+/// Bytes of a header's piece: the first has all fields but the version word, the second is the signature.
+pub(super) const PIECE: usize = INFO_LENGTH;
+
+/// Reads a header from its pieces, in their order: where memory is short, never all of it has to be there.
+pub(super) struct HeaderPieces {
+    fields: [u8; PIECE],
+    taken: usize,
+    signed: bool,
+    version_word: [u8; 4],
+    crc: Crc32,
+}
+
+impl HeaderPieces {
+    pub(super) const fn new() -> Self {
+        Self {
+            fields: [0; PIECE],
+            taken: 0,
+            signed: false,
+            version_word: [0; 4],
+            crc: Crc32::new(),
+        }
+    }
+
+    #[inline(never)]
+    pub(super) fn take(&mut self, piece: &[u8; PIECE]) {
+        if self.taken == 0 {
+            self.fields = *piece;
+            self.crc = begun_crc(piece);
+            self.crc.update(&[0xFF; 4]);
+        } else {
+            self.crc.update(piece);
+        }
+        if self.taken == header_at::SIGNATURE {
+            self.signed = !is_blank(piece);
+        }
+        self.version_word = take(piece, PIECE - 4);
+        self.taken += PIECE;
+    }
+
+    /// The header once all pieces have been taken.
+    #[inline(never)]
+    pub(super) fn header(&self) -> Result<Header, MalformedHeader> {
+        let fields = &self.fields;
+        let identity =
+            opened(fields, HEADER_MAGIC, HEADER_FORMAT, self.taken, self.crc).map_err(|flaw| {
+                match flaw {
+                    Flaw::Magic => MalformedHeader::Magic,
+                    Flaw::Format => MalformedHeader::Format,
+                    Flaw::Crc => MalformedHeader::Crc,
+                }
+            })?;
+        let header = Header {
+            identity,
+            pages: u32::from_le_bytes(take(fields, header_at::PAGES)),
+            image_crc: u32::from_le_bytes(take(fields, header_at::IMAGE_CRC)),
+            signed: self.signed,
+        };
+        let sound = header.pages & REQUIRED_PAGES == REQUIRED_PAGES
+            && header.pages & !ALL_PAGES == 0
+            && header.identity.version != NO_VERSION
+            && self.version_word == header.version_word();
+        if sound {
+            Ok(header)
+        } else {
+            Err(MalformedHeader::Content)
+        }
     }
 }
 
@@ -240,23 +301,33 @@ const fn begun<const N: usize>(magic: [u8; 4], format: u16, identity: Identity) 
     bytes
 }
 
-/// Checks what both blocks share: `bytes` is all of the block.
-fn opened(bytes: &[u8], magic: [u8; 4], format: u16) -> Result<Identity, Flaw> {
-    let Some(first) = bytes.first_chunk::<INFO_LENGTH>() else {
-        return Err(Flaw::Magic);
-    };
-    if take(first, 0) != magic {
+/// The CRC over what stands before the CRC.
+fn begun_crc(fields: &[u8; PIECE]) -> Crc32 {
+    let mut crc = Crc32::new();
+    crc.update(fields.get(..at::CRC).unwrap_or(fields));
+    crc
+}
+
+/// Checks what both blocks share: their first 64 bytes, and length and CRC of all of them.
+fn opened(
+    fields: &[u8; PIECE],
+    magic: [u8; 4],
+    format: u16,
+    length: usize,
+    crc: Crc32,
+) -> Result<Identity, Flaw> {
+    if take(fields, 0) != magic {
         return Err(Flaw::Magic);
     }
-    if u16::from_le_bytes(take(first, at::FORMAT)) != format
-        || usize::from(u16::from_le_bytes(take(first, at::LENGTH))) != bytes.len()
+    if u16::from_le_bytes(take(fields, at::FORMAT)) != format
+        || usize::from(u16::from_le_bytes(take(fields, at::LENGTH))) != length
     {
         return Err(Flaw::Format);
     }
-    if u32::from_le_bytes(take(first, at::CRC)) != crc_of(bytes) {
+    if u32::from_le_bytes(take(fields, at::CRC)) != crc.finish() {
         return Err(Flaw::Crc);
     }
-    Ok(Identity::from_bytes(take(first, at::IDENTITY)))
+    Ok(Identity::from_bytes(take(fields, at::IDENTITY)))
 }
 
 /// CRC-32/ISO-HDLC of a block with its four bytes at [`at::CRC`] taken as 0xFF. In a block that ends with them (the

@@ -1,17 +1,16 @@
 //! Packing and checking whole images, the same code in the host's tool and in the bootloader.
 
-use super::block::header_at;
+use super::block::{HeaderPieces, PIECE, header_at};
 use super::{
     ALL_PAGES, FIRST_PAGE, HEADER_LENGTH, HEADER_OFFSET, Hardware, Header, INFO_LENGTH,
-    INFO_OFFSET, Identity, InfoBlock, LAST_PAGE, MalformedHeader, MalformedInfo, NO_VERSION, Page,
-    REQUIRED_PAGES, SIGNATURE_LENGTH, SIGNED_LENGTH, pages_of,
+    INFO_OFFSET, Identity, InfoBlock, LAST_PAGE, MalformedHeader, MalformedInfo, NO_VERSION,
+    PAGE_SIZE, Page, REQUIRED_PAGES, SIGNATURE_LENGTH, SIGNED_LENGTH, pages_of,
 };
 use crate::crc::Crc32;
 
-/// Bytes that are read at one time.
-const CHUNK: usize = 256;
-/// Chunks of a page.
-const CHUNKS: usize = super::PAGE_SIZE / CHUNK;
+/// Bytes that are read at one time: few, because they stand on the bootloader's stack. The header begins with one.
+const CHUNK: usize = 64;
+const _: () = assert!(HEADER_OFFSET.is_multiple_of(CHUNK));
 
 /// True if the image's CRC covers the byte at `offset` of `page` as it is; false for the CRC and signature
 /// fields of the header, which count as 0xFF.
@@ -81,37 +80,51 @@ pub enum ImageError<E> {
 /// See [`ImageError`].
 pub fn verify<P: ReadPages>(
     pages: &mut P,
-    mut covered: impl FnMut(&[u8]),
+    covered: impl FnMut(&[u8]),
 ) -> Result<Header, ImageError<P::Error>> {
     let header = read_header(pages)?;
+    if read_identity(pages)? != header.identity {
+        return Err(ImageError::Disagree);
+    }
+    if crc_of(pages, header.pages, covered).map_err(ImageError::Read)? == header.image_crc {
+        Ok(header)
+    } else {
+        Err(ImageError::Crc)
+    }
+}
+
+/// The identity that the information block tells. Not inlined, like what follows: the bytes that are read are on the
+/// stack only while they are needed.
+#[inline(never)]
+fn read_identity<P: ReadPages>(pages: &mut P) -> Result<Identity, ImageError<P::Error>> {
     let mut info = [0; INFO_LENGTH];
     pages
         .read(FIRST_PAGE, INFO_OFFSET, &mut info)
         .map_err(ImageError::Read)?;
     let info = InfoBlock::parse(&info).map_err(ImageError::Info)?;
-    if info.identity != header.identity {
-        return Err(ImageError::Disagree);
-    }
+    Ok(info.identity)
+}
+
+/// The CRC over the pages of a bitmap.
+#[inline(never)]
+fn crc_of<P: ReadPages>(
+    pages: &mut P,
+    bitmap: u32,
+    mut covered: impl FnMut(&[u8]),
+) -> Result<u32, P::Error> {
     let mut crc = Crc32::new();
     let mut chunk = [0; CHUNK];
-    for page in pages_of(header.pages) {
-        for at in 0..CHUNKS {
-            let offset = at * CHUNK;
-            pages
-                .read(page, offset, &mut chunk)
-                .map_err(ImageError::Read)?;
-            if page == LAST_PAGE && offset + CHUNK > HEADER_OFFSET {
+    for page in pages_of(bitmap) {
+        for offset in (0..PAGE_SIZE).step_by(CHUNK) {
+            pages.read(page, offset, &mut chunk)?;
+            if page == LAST_PAGE && offset >= HEADER_OFFSET {
                 mask(&mut chunk, offset);
             }
             crc.update(&chunk);
             covered(&chunk);
         }
     }
-    if crc.finish() == header.image_crc {
-        Ok(header)
-    } else {
-        Err(ImageError::Crc)
-    }
+    Ok(crc.finish())
 }
 
 /// Replaces what the CRC does not cover by 0xFF.
@@ -128,11 +141,15 @@ fn mask(chunk: &mut [u8; CHUNK], offset: usize) {
 pub(in crate::boot) fn read_header<P: ReadPages>(
     pages: &mut P,
 ) -> Result<Header, ImageError<P::Error>> {
-    let mut bytes = [0; HEADER_LENGTH];
-    pages
-        .read(LAST_PAGE, HEADER_OFFSET, &mut bytes)
-        .map_err(ImageError::Read)?;
-    Header::parse(&bytes).map_err(ImageError::Header)
+    let mut pieces = HeaderPieces::new();
+    let mut piece = [0; PIECE];
+    for offset in (HEADER_OFFSET..PAGE_SIZE).step_by(PIECE) {
+        pages
+            .read(LAST_PAGE, offset, &mut piece)
+            .map_err(ImageError::Read)?;
+        pieces.take(&piece);
+    }
+    pieces.header().map_err(ImageError::Header)
 }
 
 /// Why pages cannot be packed.

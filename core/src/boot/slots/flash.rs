@@ -7,7 +7,7 @@ use crate::boot::image::{Hardware, PAGE_SIZE, Page, ReadPages, is_blank};
 /// Bytes of the trailer.
 pub const TRAILER_SIZE: usize = 4096;
 /// Bytes that are read at one time.
-const CHUNK: usize = 64;
+pub(super) const CHUNK: usize = 64;
 /// Largest unit of programming: a record's marker fills one.
 pub(super) const LARGEST_UNIT: usize = 8;
 

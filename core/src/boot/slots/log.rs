@@ -71,7 +71,7 @@ pub enum Record {
 
 /// A record as it stands in flash: kind (low byte) and argument, then two values. What is only carried on or compared
 /// stays in this form.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Words([u32; 3]);
 
 /// The kinds.
@@ -177,13 +177,18 @@ const fn record_crc(bytes: &[u8; CONTENT - 4]) -> u32 {
 }
 
 /// A record that is written twice; none of it while the count is 0.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Copies {
     words: Words,
     count: u8,
 }
 
 impl Copies {
+    const NONE: Self = Self {
+        words: Words([0; 3]),
+        count: 0,
+    };
+
     fn add(&mut self, words: Words) {
         if self.words != words {
             *self = Self { words, count: 0 };
@@ -197,7 +202,7 @@ impl Copies {
 }
 
 /// What the records of a trailer say.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Log {
     /// Pages with a [`Record::Stored`].
     pub stored: u32,
@@ -227,6 +232,17 @@ pub enum Refresh {
 }
 
 impl Log {
+    /// That of an erased trailer.
+    pub const EMPTY: Self = Self {
+        stored: 0,
+        trial_failures: 0,
+        refresh: Refresh::Idle,
+        committed: Copies::NONE,
+        confirmed: Copies::NONE,
+        begun: Copies::NONE,
+        next: 0,
+    };
+
     pub(super) fn take(&mut self, words: Words) {
         match words.kind() {
             kind::STORED => {
@@ -279,7 +295,7 @@ fn place(index: usize) -> usize {
 impl<F: NorFlash> Slot<F> {
     /// Reads the trailer. What cannot be read counts as a taken place without a record.
     pub fn log(&mut self) -> Log {
-        let mut log = Log::default();
+        let mut log = Log::EMPTY;
         for index in 0..PLACES {
             let mut marker = RECORD_MARKER;
             let readable = self.read_trailer(place(index), &mut marker).is_ok();

@@ -17,6 +17,7 @@ mod tests;
 
 use embedded_storage::nor_flash::NorFlash;
 
+use flash::CHUNK;
 pub use flash::{Slot, SlotError, TRAILER_SIZE};
 pub use log::{Log, RECORD_MARKER, RECORD_SIZE, Record, Refresh};
 
@@ -30,9 +31,6 @@ pub const TRIAL_RESETS: u8 = 3;
 /// Failures in a row that end the attempts to start a confirmed image: those of a trial, and five more for the image
 /// that has been put back.
 pub const CRASH_LIMIT: u8 = 8;
-/// Bytes that are copied at one time.
-const CHUNK: usize = 256;
-
 /// The slots of one controller.
 #[derive(Clone, Debug)]
 pub struct Slots<A, F> {
@@ -85,6 +83,13 @@ pub enum Decision {
 }
 
 impl View {
+    /// Nothing has been looked at.
+    pub(super) const NOTHING: Self = Self {
+        application: Log::EMPTY,
+        whole: false,
+        fallback: None,
+    };
+
     /// The application slot has a commit that nothing has revoked.
     #[must_use]
     pub fn is_committed(&self) -> bool {
@@ -208,7 +213,7 @@ pub fn boot<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>, start: &Start) ->
         Decision::Stay(reason) => Err(reason),
         Decision::Restore => {
             let restored = slots.restore(&mut view);
-            view = slots.view();
+            slots.look(&mut view);
             match (restored, view.decide(start)) {
                 (Ok(()), Decision::Start) => Ok(()),
                 _ => Err(Reason::RestoreFailed),
@@ -236,21 +241,23 @@ pub fn boot<A: NorFlash, F: NorFlash>(slots: &mut Slots<A, F>, start: &Start) ->
 impl<A: NorFlash, F: NorFlash> Slots<A, F> {
     /// Reads both trailers and checks the image of a committed application.
     pub fn view(&mut self) -> View {
-        let application = self.application.log();
-        let fallback = self.fallback.as_mut().map(|slot| {
-            let mut log = slot.log();
-            if application.refresh != Refresh::Begun {
-                slot.settle(&mut log);
-            }
-            log
-        });
-        let mut view = View {
-            application,
-            whole: false,
-            fallback,
-        };
-        view.whole = view.is_committed() && self.application.is_whole(&application);
+        let mut view = View::NOTHING;
+        self.look(&mut view);
         view
+    }
+
+    /// [`Slots::view`] in place: the value is larger than most stack frames.
+    #[inline(never)]
+    pub(super) fn look(&mut self, view: &mut View) {
+        view.application = self.application.log();
+        view.fallback = None;
+        if let Some(slot) = &mut self.fallback {
+            let log = view.fallback.insert(slot.log());
+            if view.application.refresh != Refresh::Begun {
+                slot.settle(log);
+            }
+        }
+        view.whole = view.is_committed() && self.application.is_whole(&view.application);
     }
 
     /// Header of the image in the application slot, valid or not.
@@ -319,19 +326,12 @@ fn copy<S: NorFlash, T: NorFlash>(
 ) -> Result<(), SlotError> {
     let header = from.header().ok_or(SlotError::Mismatch)?;
     to.erase_trailer()?;
-    let mut chunk = [0; CHUNK];
-    for page in pages_of(header.pages) {
-        to.erase_page(page)?;
-        for offset in (0..PAGE_SIZE).step_by(CHUNK) {
-            super::image::ReadPages::read(from, page, offset, &mut chunk)?;
-            to.program(page, offset, &chunk)?;
-        }
-    }
+    copy_pages(from, to, header.pages)?;
     let image_crc = header.image_crc;
     if to.check() != Ok(header) {
         return Err(SlotError::Mismatch);
     }
-    let mut log = Log::default();
+    let mut log = Log::EMPTY;
     let committed = Record::Committed {
         generation,
         image_crc,
@@ -340,6 +340,24 @@ fn copy<S: NorFlash, T: NorFlash>(
         to.append_twice(&mut log, Record::Confirmed)?;
     }
     to.append_twice(&mut log, committed)
+}
+
+/// Copies the pages of a bitmap. Not inlined: what is copied is on the stack only meanwhile.
+#[inline(never)]
+fn copy_pages<S: NorFlash, T: NorFlash>(
+    from: &mut Slot<S>,
+    to: &mut Slot<T>,
+    bitmap: u32,
+) -> Result<(), SlotError> {
+    let mut chunk = [0; CHUNK];
+    for page in pages_of(bitmap) {
+        to.erase_page(page)?;
+        for offset in (0..PAGE_SIZE).step_by(CHUNK) {
+            super::image::ReadPages::read(from, page, offset, &mut chunk)?;
+            to.program(page, offset, &chunk)?;
+        }
+    }
+    Ok(())
 }
 
 impl<F: NorFlash> Slot<F> {

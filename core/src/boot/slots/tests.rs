@@ -25,7 +25,7 @@ const RECORDS: [Record; 9] = [
 ];
 
 fn log_of(records: &[Record]) -> Log {
-    let mut log = Log::default();
+    let mut log = Log::EMPTY;
     for record in records {
         log.take(record.words());
     }

@@ -121,27 +121,44 @@ impl Content for Change<'_> {
 }
 
 /// Where an entry stands in flash.
-struct Place {
-    key: Key,
+pub(super) struct Place {
+    pub(super) key: Key,
     header: u32,
     length: u8,
 }
 
+impl Place {
+    /// True if the value is one that is read at all.
+    pub(super) fn is_readable(&self) -> bool {
+        usize::from(self.length) <= VALUE_CAPACITY
+    }
+
+    /// Reads the value as far as there is room, and gives its length; `None` if the memory fails.
+    pub(super) fn read<F: NorFlash>(&self, flash: &mut F, value: &mut [u8]) -> Option<usize> {
+        let length = usize::from(self.length);
+        let room = value.len().min(length);
+        flash
+            .read(self.header + 2, value.get_mut(..room)?)
+            .is_ok()
+            .then_some(length)
+    }
+}
+
 /// Goes through the entries of a set.
-struct Walk {
+pub(super) struct Walk {
     at: u32,
     end: u32,
 }
 
 impl Walk {
-    const fn new(set: &Set) -> Self {
+    pub(super) const fn new(set: &Set) -> Self {
         Self {
             at: set.entries(),
             end: set.entries() + set.length as u32,
         }
     }
 
-    fn next<F: NorFlash>(&mut self, flash: &mut F) -> Option<Place> {
+    pub(super) fn next<F: NorFlash>(&mut self, flash: &mut F) -> Option<Place> {
         let mut header = [0; 2];
         if self.at + 2 > self.end || flash.read(self.at, &mut header).is_err() {
             return None;
@@ -181,7 +198,7 @@ impl<F: NorFlash> Iterator for Entries<'_, F> {
             let place = walk.next(self.flash)?;
             let mut value = Value::new();
             if value.resize(usize::from(place.length), 0).is_ok() {
-                self.flash.read(place.header + 2, &mut value).ok()?;
+                place.read(self.flash, &mut value)?;
                 return Some(Entry {
                     key: place.key,
                     value,

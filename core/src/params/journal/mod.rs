@@ -20,7 +20,7 @@ use embedded_storage::nor_flash::NorFlash;
 
 pub use crash::Crash;
 pub use entries::{Change, Content, Entries, Entry, Key, Sink, VALUE_CAPACITY, Value};
-use entries::{Pass, Use};
+use entries::{Pass, Use, Walk};
 use layout::{CELL, Contents, SEAL, Set, UNIT_HEADER, generation_cell, newer, read_cell};
 
 /// Format of the entries that this firmware writes. Header and CRC of a set are the same in all formats.
@@ -93,6 +93,7 @@ impl Journal {
     /// can then never come into force later. That may take an erase, so that this is for the time before
     /// the drive starts.
     #[must_use]
+    #[inline(never)]
     pub fn open<F: NorFlash>(flash: &mut F) -> Self {
         for _ in 0..SETTLING_ATTEMPTS {
             let mut journal = Self::find(flash);
@@ -151,15 +152,34 @@ impl Journal {
 
     /// The entries of the set in force; none if nothing was stored or if its format is newer.
     pub fn entries<'f, F: NorFlash>(&self, flash: &'f mut F) -> Entries<'f, F> {
-        let readable = self.newest.as_ref().filter(|set| set.format <= FORMAT);
-        Entries::new(flash, readable)
+        Entries::new(flash, self.readable())
+    }
+
+    fn readable(&self) -> Option<&Set> {
+        self.newest.as_ref().filter(|set| set.format <= FORMAT)
     }
 
     /// The value of one entry.
     pub fn get<F: NorFlash>(&self, flash: &mut F, key: Key) -> Option<Value> {
-        self.entries(flash)
-            .find(|entry| entry.key == key)
-            .map(|entry| entry.value)
+        let mut value = Value::new();
+        value.resize(VALUE_CAPACITY, 0).ok()?;
+        let length = self.read(flash, key, &mut value)?;
+        value.truncate(length);
+        Some(value)
+    }
+
+    /// Reads the value of one entry as far as `value` has room for it, and gives the length that is stored, at most
+    /// [`VALUE_CAPACITY`]. What lies beyond the length is left alone.
+    // Not inlined: a bootloader reads each entry that it knows.
+    #[inline(never)]
+    pub fn read<F: NorFlash>(&self, flash: &mut F, key: Key, value: &mut [u8]) -> Option<usize> {
+        let mut walk = Walk::new(self.readable()?);
+        loop {
+            let place = walk.next(flash)?;
+            if place.key == key && place.is_readable() {
+                return place.read(flash, value);
+            }
+        }
     }
 
     /// Writes a set with the writer's entries and, from the set before, those that are not the writer's.

@@ -85,7 +85,6 @@ pub fn boot() -> ! {
     if let Some(mut core) = Peripherals::take()
         && let Some(page) = PAGE.try_take()
     {
-        let mut loader = Loader::with_page(&config, &mut memory, page);
         chip::start_serial(&mut core.NVIC, serial::CAN, Interrupt::USART1);
         chip::start_clock(&mut core.SYST);
         let mut front = Front {
@@ -93,7 +92,9 @@ pub fn boot() -> ! {
             timer: core.SYST,
             now: Instant::ZERO,
         };
-        fault::end(stay(&mut front, &mut loader, &mut memory));
+        fault::end(Loader::run(&config, &mut memory, page, |loader, memory| {
+            stay(&mut front, loader, memory)
+        }));
     }
     // Both are taken once: the program comes here once.
     fault::end(Cause::UnexpectedInterrupt { number: 0 })
