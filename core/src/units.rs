@@ -61,8 +61,11 @@ impl Duty {
     /// reverse (−32768), and [`Duty::throttle`] gives every throttle back.
     #[must_use]
     pub fn from_throttle(throttle: i32) -> Self {
-        let throttle = throttle.clamp(-THROTTLE_FULL, THROTTLE_FULL);
-        Self::saturating(divided(throttle * 32768, THROTTLE_FULL))
+        // 2¹⁵ × 32768 / 1023: exact enough for the nearest, as every throttle is at least 1/2046 away from a half.
+        const FACTOR: i32 = 1_049_601;
+        // A power of two, unlike the last throttle, which is saturated below: one instruction (SSAT) on a Cortex-M.
+        let throttle = throttle.clamp(-THROTTLE_FULL - 1, THROTTLE_FULL);
+        Self::saturating((throttle * FACTOR + (1 << 14)) >> 15)
     }
 
     /// The duty cycle in 10-bit throttle units, rounded to the nearest: −1023 to 1023.
@@ -96,6 +99,7 @@ mod tests {
     fn every_throttle_survives_the_duty_and_the_ends_are_full() {
         for throttle in -1023..=1023 {
             let duty = Duty::from_throttle(throttle);
+            assert_eq!(duty, Duty::saturating(divided(throttle * 32768, 1023)));
             assert_eq!(duty.throttle(), throttle);
             if throttle > -1023 && throttle < 1023 {
                 assert_eq!(duty.reversed(), Duty::from_throttle(-throttle));
@@ -104,6 +108,8 @@ mod tests {
         assert_eq!(Duty::from_throttle(1023), Duty::MAX);
         assert_eq!(Duty::from_throttle(-1023), Duty::MIN);
         assert_eq!(Duty::from_throttle(i32::MAX), Duty::MAX);
+        assert_eq!(Duty::from_throttle(-1024), Duty::MIN);
+        assert_eq!(Duty::from_throttle(i32::MIN), Duty::MIN);
         assert_eq!(Duty::from_throttle(512), Duty::new(16400));
     }
 

@@ -14,7 +14,7 @@ use windlass_core::engine::settings::{
 use windlass_core::engine::snapshot::{
     Actuation, IndexCapture, Pin, Pins, Pulse, Sample, Snapshot,
 };
-use windlass_core::engine::throttle_law::ThrottleGains;
+use windlass_core::engine::throttle_law::{ThrottleGains, zone};
 use windlass_core::units::{Amps, Duty, Volts};
 
 /// Ticks between two sets of settings: half a second.
@@ -88,7 +88,7 @@ impl Exercise {
             i: slot.gains.i.unsigned_abs(),
             d: slot.gains.d.unsigned_abs(),
             f: slot.gains.f,
-            zone: slot.gains.allowable_error << 8,
+            zone: zone(slot.gains.allowable_error << 8),
             ramp: slot.ramp >> 5,
         };
         let [zero, one] = &self.settings.slots;

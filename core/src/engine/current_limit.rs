@@ -17,7 +17,7 @@ const END_AFTER_TICKS: u16 = (10 * TICKS_PER_MS) as u16;
 const INTEGRAL_LIMIT: i64 = 1 << 56;
 
 /// Full throttle as a cap.
-const FULL: i64 = 32768;
+const FULL: i32 = 32768;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Active {
@@ -108,18 +108,19 @@ fn error(settings: &CurrentLimit, current: i32) -> i32 {
 impl Active {
     fn begin(settings: &CurrentLimit, error: i32, applied: i32) -> Self {
         let gains = &settings.gains;
-        let zone = product(gains.i, gains.accumulator_limit).saturating_abs();
+        // Nothing here overflows: two products of 2⁶² at most, one of 2⁵⁹ and a duty cycle of 2⁴⁷.
+        let zone = product(gains.i, gains.accumulator_limit).wrapping_abs();
         let mut integral = 0;
         if gains.i != 0 {
             let wanted = i64::from(applied) << 32;
             integral = wanted
-                .saturating_sub(product(gains.p, error))
-                .saturating_sub(product(gains.f, settings.continuous))
+                .wrapping_sub(product(gains.p, error))
+                .wrapping_sub(product(gains.f, settings.continuous))
                 .clamp(-INTEGRAL_LIMIT, INTEGRAL_LIMIT);
         }
         // The zone limits what is accumulated, not what was preloaded: otherwise a motor that was limited
         // at high speed could never get its duty cycle back.
-        let bound = zone.max(integral.saturating_abs()).min(INTEGRAL_LIMIT);
+        let bound = zone.max(integral.wrapping_abs()).min(INTEGRAL_LIMIT);
         Self {
             integral,
             bound,
@@ -129,9 +130,8 @@ impl Active {
     }
 
     fn step(&mut self, settings: &CurrentLimit, error: i32) -> i32 {
-        let added = self
-            .integral
-            .saturating_add(product(settings.gains.i, error));
+        // At most 2⁵⁶ and a product of 2⁵⁹.
+        let added = self.integral.wrapping_add(product(settings.gains.i, error));
         self.integral = added.min(self.bound).max(-self.bound);
         let change = error.wrapping_sub(self.previous_error);
         self.previous_error = error;
@@ -145,7 +145,7 @@ impl Active {
             .wrapping_add(product(gains.p, error))
             .wrapping_add(product(gains.d, change))
             .wrapping_add(product(gains.f, settings.continuous));
-        (sum >> 32).clamp(0, FULL) as i32
+        ((sum >> 32) as i32).clamp(0, FULL)
     }
 }
 

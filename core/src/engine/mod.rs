@@ -17,6 +17,7 @@ pub mod other_sensors;
 mod output;
 pub mod pidf;
 pub mod policy;
+mod scale;
 pub mod sensor;
 pub mod settings;
 pub mod snapshot;
@@ -32,6 +33,7 @@ use limit::{judge, switches_hit};
 use mode::{Event, Follower, Liveness, PulseInput, mode_of, transition};
 use output::Output;
 use pidf::{Pidf, Unit};
+use scale::scaled;
 use sensor::Sensors;
 use settings::Law;
 pub use settings::{Board, Policy, Settings};
@@ -110,9 +112,10 @@ impl Engine {
                 self.put_in_force(settings, command);
             }
         }
+        self.snapshot.pins = sample.pins;
         let switch_hit = switches_hit(&settings.limits, sample.pins.limits());
         self.sensors
-            .update(settings, sample, command, switch_hit, &mut self.snapshot);
+            .update(settings, sample, switch_hit, &mut self.snapshot);
         self.faults.update(settings, sample, &mut self.snapshot);
         if self.snapshot.state == DriveState::SelfCheck && self.sensors.is_ready() {
             self.end_self_check(settings, command);
@@ -131,7 +134,6 @@ impl Engine {
         } else {
             self.rest();
         }
-        self.snapshot.pins = sample.pins;
         &self.snapshot
     }
 
@@ -139,11 +141,9 @@ impl Engine {
     #[inline(never)]
     fn obey(&mut self, settings: &Settings, command: &Command) {
         self.revision = command.revision;
-        self.sensors.obey(command);
-        let event = self.liveness.obey(&settings.policy, command);
+        self.sensors.obey(&settings.policy, command);
         let pulse_valid = self.snapshot.pulse_valid;
-        let event = event.or_else(|| self.liveness.update(command, pulse_valid));
-        if let Some(event) = event {
+        if let Some(event) = self.liveness.obey(&settings.policy, command, pulse_valid) {
             self.snapshot.state = transition(self.snapshot.state, event);
         }
         self.put_in_force(settings, command);
@@ -311,6 +311,5 @@ fn compensate(target: Volts, bus_voltage: Volts) -> i32 {
 /// Target minus what is applied, in 16.16 volts.
 fn voltage_error(target: Volts, bus_voltage: Volts, duty: Duty) -> i32 {
     let product = i64::from(bus_voltage.to_bits()) * i64::from(duty.units());
-    let applied = (product >> 15).clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-    target.to_bits().saturating_sub(applied)
+    target.to_bits().saturating_sub(scaled::<15>(product))
 }

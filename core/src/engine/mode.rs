@@ -42,7 +42,8 @@ pub const fn transition(state: DriveState, event: Event) -> DriveState {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Liveness {
     sequence: u32,
-    heartbeat: u16,
+    /// Ticks until the heartbeat ends, or the first of the times of `separate`; 0 if none runs.
+    wait: u16,
     expired: bool,
     /// The command is alive, and so is its permission.
     in_force: bool,
@@ -50,7 +51,7 @@ pub struct Liveness {
     /// The policy's times.
     timeout_ticks: u16,
     pause_ticks: u16,
-    permission: Permission,
+    separate: Separate,
 }
 
 /// What keeps the command in force.
@@ -65,44 +66,53 @@ enum Watched {
     Permission,
 }
 
-/// Follows the permission to drive, where it is separate, and the pauses.
+/// Follows commands, the permission to drive and pauses, where the permission is separate. The times are those of
+/// the latest look at them, which is one at every changed command and whenever one of them ends.
 #[derive(Clone, Copy, Debug, Default)]
-struct Permission {
-    sequence: u32,
-    ticks_left: u16,
+struct Separate {
+    /// Ticks from that look to the next if nothing else happens.
+    planned: u16,
+    heartbeat: u16,
+    enable_sequence: u32,
+    permission: u16,
     pause: u32,
     pause_left: u16,
 }
 
-impl Permission {
+impl Separate {
     const fn new() -> Self {
         Self {
-            sequence: 0,
-            ticks_left: 0,
+            planned: 0,
+            heartbeat: 0,
+            enable_sequence: 0,
+            permission: 0,
             pause: 0,
             pause_left: 0,
         }
     }
 
-    /// One tick; true if there is permission and no pause.
-    fn update(&mut self, timeout_ticks: u16, pause_ticks: u16, command: &Command) -> bool {
-        let enable = command.enable;
-        if enable.withdrawn {
-            self.sequence = enable.sequence;
-            self.ticks_left = 0;
-        } else if enable.sequence != self.sequence {
-            self.sequence = enable.sequence;
-            self.ticks_left = timeout_ticks;
-        } else {
-            self.ticks_left = self.ticks_left.saturating_sub(1);
+    /// Lets ticks pass.
+    fn pass(&mut self, ticks: u16) {
+        for left in [
+            &mut self.heartbeat,
+            &mut self.permission,
+            &mut self.pause_left,
+        ] {
+            *left = left.saturating_sub(ticks);
         }
-        if command.pause != self.pause {
-            self.pause = command.pause;
-            self.pause_left = pause_ticks;
-        } else {
-            self.pause_left = self.pause_left.saturating_sub(1);
-        }
-        self.ticks_left > 0 && self.pause_left == 0
+    }
+
+    /// Ticks until the first of the times ends; 0 if none runs.
+    fn plan(&mut self) -> u16 {
+        let times = [self.heartbeat, self.permission, self.pause_left];
+        let running = times.into_iter().filter(|left| *left > 0);
+        self.planned = running.min().unwrap_or(0);
+        self.planned
+    }
+
+    /// True while command and permission are alive, and no pause.
+    const fn permits(&self) -> bool {
+        self.heartbeat > 0 && self.permission > 0 && self.pause_left == 0
     }
 }
 
@@ -112,72 +122,105 @@ impl Liveness {
     pub const fn new() -> Self {
         Self {
             sequence: 0,
-            heartbeat: 0,
+            wait: 0,
             expired: false,
             in_force: false,
             watched: Watched::Heartbeat,
             timeout_ticks: 0,
             pause_ticks: 0,
-            permission: Permission::new(),
+            separate: Separate::new(),
         }
     }
 
-    /// A command that has changed; gives what it means for the state if it is a new control frame that carries
-    /// its own permission. [`Liveness::update`] is to be called in the same tick if it gives nothing.
-    pub fn obey(&mut self, policy: &Policy, command: &Command) -> Option<Event> {
+    /// A command that has changed, instead of [`Liveness::update`] in this tick; gives what happens to the state, if
+    /// anything.
+    pub fn obey(&mut self, policy: &Policy, command: &Command, pulse_valid: bool) -> Option<Event> {
         self.timeout_ticks = policy.command_timeout_ticks;
         self.pause_ticks = policy.pause_ticks;
+        let before = self.watched;
         self.watched = match (command.setpoint, policy.enabling) {
             (Setpoint::Pulse, _) => Watched::Pulse,
             (_, Enabling::WithCommand) => Watched::Heartbeat,
             (_, Enabling::Separate) => Watched::Permission,
         };
-        if self.watched == Watched::Permission || command.sequence == self.sequence {
-            return None;
+        let passed = self.separate.planned - self.wait.min(self.separate.planned);
+        if self.watched == Watched::Permission {
+            return Some(self.look(command, passed.saturating_add(1)));
+        }
+        if before == Watched::Permission {
+            // Its times stand still meanwhile.
+            self.separate.pass(passed);
+            self.separate.planned = 0;
+            self.wait = 0;
+        }
+        if command.sequence == self.sequence {
+            return self.update(command, pulse_valid);
         }
         self.sequence = command.sequence;
         self.expired = false;
         let off = matches!(command.setpoint, Setpoint::Off | Setpoint::Pulse);
-        self.heartbeat = if off { 0 } else { policy.command_timeout_ticks };
+        self.wait = if off { 0 } else { policy.command_timeout_ticks };
+        self.separate.heartbeat = 0;
         self.in_force = !off;
         Some(self.standing(policy, command).unwrap_or(Event::Halt))
     }
 
-    /// One tick in which [`Liveness::obey`] had nothing to say; gives what happens to the state, if anything. The
-    /// setpoint in force changes only with [`Liveness::is_in_force`] or a changed command.
+    /// One tick without a changed command; gives what happens to the state, if anything. The setpoint in force changes
+    /// only with [`Liveness::is_in_force`] or a changed command.
     #[inline]
     pub fn update(&mut self, command: &Command, pulse_valid: bool) -> Option<Event> {
-        match self.watched {
-            Watched::Heartbeat if self.heartbeat == 0 => None,
-            Watched::Heartbeat => {
-                self.heartbeat -= 1;
-                if self.heartbeat > 0 {
-                    return None;
-                }
-                self.expired = true;
-                self.in_force = false;
-                Some(Event::Timeout)
-            }
-            Watched::Pulse if pulse_valid => Some(Event::Drive),
-            Watched::Pulse => Some(Event::Halt),
-            Watched::Permission => Some(self.update_separately(command)),
+        if self.watched == Watched::Pulse {
+            return Some(if pulse_valid {
+                Event::Drive
+            } else {
+                Event::Halt
+            });
         }
+        if self.wait == 0 {
+            return None;
+        }
+        self.wait -= 1;
+        if self.wait > 0 {
+            return None;
+        }
+        Some(self.end(command))
     }
 
-    /// One tick where the permission is separate: the drive runs exactly while both are alive.
-    fn update_separately(&mut self, command: &Command) -> Event {
+    /// The time that was waited for is over.
+    #[inline(never)]
+    fn end(&mut self, command: &Command) -> Event {
+        if self.watched == Watched::Permission {
+            return self.look(command, self.separate.planned);
+        }
+        self.expired = true;
+        self.in_force = false;
+        Event::Timeout
+    }
+
+    /// What the command and its separate permission mean after `ticks`, this one included: the drive runs exactly
+    /// while both are alive.
+    fn look(&mut self, command: &Command, ticks: u16) -> Event {
+        let separate = &mut self.separate;
+        separate.pass(ticks);
         if command.sequence != self.sequence {
             self.sequence = command.sequence;
-            self.heartbeat = self.timeout_ticks;
-        } else {
-            self.heartbeat = self.heartbeat.saturating_sub(1);
+            separate.heartbeat = self.timeout_ticks;
         }
+        if command.enable.sequence != separate.enable_sequence {
+            separate.enable_sequence = command.enable.sequence;
+            separate.permission = self.timeout_ticks;
+        }
+        if command.enable.withdrawn {
+            separate.permission = 0;
+        }
+        if command.pause != separate.pause {
+            separate.pause = command.pause;
+            separate.pause_left = self.pause_ticks;
+        }
+        self.wait = separate.plan();
         self.expired = false;
-        let permitted = self
-            .permission
-            .update(self.timeout_ticks, self.pause_ticks, command);
         let off = matches!(command.setpoint, Setpoint::Off);
-        self.in_force = permitted && self.heartbeat > 0 && !off;
+        self.in_force = separate.permits() && !off;
         if self.in_force {
             Event::Drive
         } else {
@@ -189,7 +232,9 @@ impl Liveness {
     pub fn standing(&self, policy: &Policy, command: &Command) -> Option<Event> {
         match self.setpoint(command) {
             Setpoint::Off | Setpoint::Pulse => None,
-            setpoint if setpoint.is_nonzero() => Some(Event::Drive),
+            setpoint if setpoint.is_nonzero() || self.watched == Watched::Permission => {
+                Some(Event::Drive)
+            }
             _ => Some(match policy.resume {
                 Resume::NonZeroSetpoint => Event::Zero,
                 Resume::AnyCommand => Event::Drive,
@@ -330,7 +375,9 @@ impl PulseInput {
             shown.pulse_valid = self.ticks_left > 0;
         } else if self.ticks_left > 0 {
             self.ticks_left -= 1;
-            shown.pulse_valid = self.ticks_left > 0;
+            if self.ticks_left == 0 {
+                shown.pulse_valid = false;
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 //!
 //! Source: Talon SRX manual, 7, 13, 16.11 and 17.1 to 17.4; decisions of `docs/talon-srx.md`.
 
+use super::command::SensorSelect;
 use super::snapshot::Sample;
 
 /// Samples of the velocity window: 100 ms.
@@ -14,32 +15,6 @@ const TURN_MASK: i32 = TURN - 1;
 
 /// Samples from 1 ms to the next that differ by more than half the range have passed the end.
 const WRAP: i32 = TURN / 2;
-
-/// The last 100 ms of a value.
-#[derive(Clone, Debug)]
-struct Window<T> {
-    values: [T; WINDOW],
-    at: u8,
-}
-
-impl<T: Copy> Window<T> {
-    const fn new(value: T) -> Self {
-        Self {
-            values: [value; WINDOW],
-            at: 0,
-        }
-    }
-
-    /// Puts `value` in and gives the one from 100 ms ago.
-    fn slide(&mut self, value: T) -> T {
-        let at = usize::from(self.at);
-        self.at = if at + 1 < WINDOW { self.at + 1 } else { 0 };
-        match self.values.get_mut(at) {
-            Some(slot) => core::mem::replace(slot, value),
-            None => value,
-        }
-    }
-}
 
 /// A position with its change over the last 100 ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,18 +51,25 @@ impl Reading {
 pub(super) struct OtherSensors {
     /// The next tick takes a sample: every second one.
     due: bool,
-    /// First conversion, and first count of edges: the windows hold the difference from them.
-    first: Option<(i32, u16)>,
-    /// Conversion without wraps: its low 10 bits are the conversion itself.
-    unwrapped: i32,
+    /// A sample has been taken.
+    started: bool,
+    /// Place of the next sample in both windows.
+    at: u8,
+    /// First conversion.
+    first: i32,
+    /// What the conversion without wraps has moved since; the low 10 bits of the sum are the conversion itself.
+    moved: i32,
     /// Multiple of a turn that is added to the position.
     offset: i32,
-    analog: Window<i32>,
+    /// The last 100 ms of `moved`.
+    moves: [i32; WINDOW],
     analog_velocity: i32,
     potentiometer_velocity: i32,
     rises: u16,
+    /// Rises since the first sample, and the last 100 ms of them.
+    counted: u16,
+    counts: [u16; WINDOW],
     edges: i32,
-    edge_window: Window<u16>,
     edge_velocity: i32,
 }
 
@@ -96,65 +78,94 @@ impl OtherSensors {
     pub(super) const fn new() -> Self {
         Self {
             due: true,
-            first: None,
-            unwrapped: 0,
+            started: false,
+            at: 0,
+            first: 0,
+            moved: 0,
             offset: 0,
-            analog: Window::new(0),
+            moves: [0; WINDOW],
             analog_velocity: 0,
             potentiometer_velocity: 0,
             rises: 0,
+            counted: 0,
+            counts: [0; WINDOW],
             edges: 0,
-            edge_window: Window::new(0),
             edge_velocity: 0,
         }
     }
 
     /// To be called every tick; works in every second one.
+    #[inline]
     pub(super) fn update(&mut self, sample: &Sample) {
-        let due = self.due;
-        self.due = !due;
-        if due {
+        self.due = !self.due;
+        if !self.due {
             self.take(sample);
         }
     }
 
+    #[inline(never)]
     fn take(&mut self, sample: &Sample) {
         // The upper 10 bits of the 12-bit conversion.
         let conversion = i32::from(sample.analog_in >> 2) & TURN_MASK;
         let rises = sample.encoder_a_rises;
-        let (first, first_rises) = match self.first {
-            Some(first) => first,
-            None => {
-                self.unwrapped = conversion;
-                self.rises = rises;
-                *self.first.insert((conversion, rises))
-            }
-        };
-        let change = conversion - (self.unwrapped & TURN_MASK);
-        let turns = if change > WRAP {
-            -TURN
+        if !self.started {
+            self.started = true;
+            self.first = conversion;
+            self.rises = rises;
+        }
+        let mut change = conversion - (self.unwrapped() & TURN_MASK);
+        if change > WRAP {
+            change -= TURN;
         } else if change < -WRAP {
-            TURN
-        } else {
-            0
-        };
-        self.unwrapped = self.unwrapped.wrapping_add(change + turns);
-        let before = self.analog.slide(self.unwrapped.wrapping_sub(first));
-        let before = before.wrapping_add(first);
-        self.analog_velocity = self.unwrapped.wrapping_sub(before);
-        self.potentiometer_velocity = conversion - (before & TURN_MASK);
-
-        let new = i32::from(rises.wrapping_sub(self.rises));
+            change += TURN;
+        }
+        self.moved = self.moved.wrapping_add(change);
+        let new = rises.wrapping_sub(self.rises);
         self.rises = rises;
-        self.edges = self.edges.saturating_add(new);
-        let counted = rises.wrapping_sub(first_rises);
-        self.edge_velocity = i32::from(counted.wrapping_sub(self.edge_window.slide(counted)));
+        self.counted = self.counted.wrapping_add(new);
+        self.edges = self.edges.saturating_add(i32::from(new));
+
+        let (moved, counted) = self.slide();
+        self.analog_velocity = self.moved.wrapping_sub(moved);
+        let conversion_before = self.first.wrapping_add(moved) & TURN_MASK;
+        self.potentiometer_velocity = conversion - conversion_before;
+        self.edge_velocity = i32::from(self.counted.wrapping_sub(counted));
+    }
+
+    /// Puts `moved` and `counted` into their windows and gives those from 100 ms ago.
+    fn slide(&mut self) -> (i32, u16) {
+        let at = usize::from(self.at);
+        self.at = if at + 1 < WINDOW { self.at + 1 } else { 0 };
+        match (self.moves.get_mut(at), self.counts.get_mut(at)) {
+            (Some(moved), Some(counted)) => (
+                core::mem::replace(moved, self.moved),
+                core::mem::replace(counted, self.counted),
+            ),
+            // `at` never leaves the windows.
+            _ => (0, 0),
+        }
+    }
+
+    /// The conversion without wraps.
+    const fn unwrapped(&self) -> i32 {
+        self.first.wrapping_add(self.moved)
+    }
+
+    /// What the selected sensor reads; the quadrature encoder is none of these.
+    #[inline]
+    pub(super) const fn reading(&self, selected: SensorSelect) -> Reading {
+        match selected {
+            SensorSelect::AnalogPotentiometer => self.potentiometer(),
+            SensorSelect::AnalogEncoder => self.analog_encoder(),
+            SensorSelect::RisingEdges => self.rising_edges(),
+            SensorSelect::Quadrature | SensorSelect::None => Reading::ZERO,
+        }
     }
 
     /// The analog input as a potentiometer: 0 to 1023.
-    pub(super) const fn potentiometer(&self) -> Reading {
+    const fn potentiometer(&self) -> Reading {
         Reading {
-            position: self.unwrapped & TURN_MASK,
+            position: self.unwrapped() & TURN_MASK,
             velocity: self.potentiometer_velocity,
         }
     }
@@ -162,13 +173,13 @@ impl OtherSensors {
     /// The analog input as an encoder that goes on past either end.
     pub(super) const fn analog_encoder(&self) -> Reading {
         Reading {
-            position: self.unwrapped.wrapping_add(self.offset),
+            position: self.unwrapped().wrapping_add(self.offset),
             velocity: self.analog_velocity,
         }
     }
 
     /// The counter of rising edges.
-    pub(super) const fn rising_edges(&self) -> Reading {
+    const fn rising_edges(&self) -> Reading {
         Reading {
             position: self.edges,
             velocity: self.edge_velocity,
@@ -177,7 +188,7 @@ impl OtherSensors {
 
     /// Sets the turns of the analog encoder: the low 10 bits stay the conversion (manual 13).
     pub(super) fn set_analog_encoder(&mut self, position: i32) {
-        self.offset = (position & !TURN_MASK).wrapping_sub(self.unwrapped & !TURN_MASK);
+        self.offset = (position & !TURN_MASK).wrapping_sub(self.unwrapped() & !TURN_MASK);
     }
 
     /// Sets the counter of rising edges.

@@ -9,6 +9,8 @@
 //! 2⁶² (I) + 2⁵⁹ (P) + 2⁶⁰ (D) + 2⁵⁹ (F) < 2⁶³. Saturating every product instead would double the cost
 //! and change no result that a motor can show.
 
+use super::scale::scaled;
+
 /// Errors and targets are saturated to 29 bits, sign included: one instruction (SSAT) on a Cortex-M.
 const OPERAND_MAX: i32 = (1 << 28) - 1;
 const OPERAND_MIN: i32 = -(1 << 28);
@@ -103,23 +105,10 @@ impl Pidf {
                 .wrapping_add(product(gains.d, change));
         }
         match unit {
-            Unit::Count => saturated(sum),
+            Unit::Count => scaled::<16>(sum),
             // Half of 64 bits always fits 32.
             Unit::Fixed => (sum >> 32) as i32,
         }
-    }
-}
-
-/// `sum` / 2¹⁶, towards minus infinity, saturated to 32 bits. Constant shifts and one comparison of signs: a
-/// quarter of what a clamp of 64 bits costs on a Cortex-M4.
-fn saturated(sum: i64) -> i32 {
-    let shifted = (sum >> 16) as i32;
-    let high = (sum >> 32) as i32;
-    // It fits if the bits above the result all equal its sign.
-    if high >> 15 == shifted >> 31 {
-        shifted
-    } else {
-        (high >> 31) ^ i32::MAX
     }
 }
 

@@ -1,9 +1,9 @@
 //! From raw samples to measured values: encoder position and velocity, current, voltages, temperature.
 
-use super::command::{Command, DriveOpts, PositionOf, SensorSelect, SetPosition, Setpoint};
+use super::command::{Command, PositionOf, SensorSelect, SetPosition, Setpoint};
 use super::limit::Directions;
 use super::other_sensors::{OtherSensors, Reading};
-use super::settings::{IndexSettings, SensorSet, Settings};
+use super::settings::{IndexSettings, Policy, SensorSet, Settings};
 use super::snapshot::{Conversions, RawSensors, Sample, Snapshot};
 use crate::units::{Amps, Celsius, Volts};
 
@@ -29,8 +29,10 @@ pub struct Sensors {
     set_generation: u32,
     /// An order that has not been carried out yet.
     order: Option<SetPosition>,
-    /// The selected sensor is reversed, where it is always the encoder.
-    reverse_encoder: bool,
+    /// The sensor of closed loops and soft limits.
+    selected: SensorSelect,
+    /// It is reversed.
+    reverse: bool,
 }
 
 impl Default for Sensors {
@@ -49,7 +51,8 @@ impl Sensors {
             zero: ZeroCurrent::Averaging { sum: 0, samples: 0 },
             set_generation: 0,
             order: None,
-            reverse_encoder: false,
+            selected: SensorSelect::Quadrature,
+            reverse: false,
         }
     }
 
@@ -61,15 +64,21 @@ impl Sensors {
 
     /// A command that has changed. Its order to overwrite a position is carried out with the next sample if it is
     /// a new one.
-    pub fn obey(&mut self, command: &Command) {
+    pub fn obey(&mut self, policy: &Policy, command: &Command) {
         let order = command.set_position;
         if order.generation != self.set_generation {
             self.set_generation = order.generation;
             self.order = Some(order);
             self.encoder.attentive = true;
         }
-        let following = matches!(command.setpoint, Setpoint::Follow(_));
-        self.reverse_encoder = command.opts.reverse_sensor && !following;
+        let opts = &command.opts;
+        (self.selected, self.reverse) = match policy.sensors {
+            SensorSet::Encoder => {
+                let following = matches!(command.setpoint, Setpoint::Follow(_));
+                (SensorSelect::Quadrature, opts.reverse_sensor && !following)
+            }
+            SensorSet::All => (opts.sensor, opts.reverse_sensor),
+        };
     }
 
     /// Takes one sample and shows what it means. `switch_hit`: limit switches in their active state.
@@ -78,24 +87,31 @@ impl Sensors {
         &mut self,
         settings: &Settings,
         sample: &Sample,
-        command: &Command,
         switch_hit: Directions,
         shown: &mut Snapshot,
     ) {
-        let clear = !switch_hit
+        let all = settings.policy.sensors == SensorSet::All;
+        if all {
+            self.others.update(sample);
+        }
+        if self.encoder.has_news(sample) {
+            self.hear(settings.index, sample);
+        }
+        if !switch_hit
             .intersection(settings.limits.clears_position)
-            .is_empty();
-        let selected = match settings.policy.sensors {
-            SensorSet::Encoder => {
-                let reverse = self.reverse_encoder;
-                if self.encoder.has_news(sample) {
-                    let counts = self.order.take().map(|order| turned(order.counts, reverse));
-                    self.encoder.move_origin(settings.index, sample, counts);
-                }
-                self.encoder.update(sample, clear).reversed_if(reverse)
-            }
-            SensorSet::All => self.update_all(settings, sample, command, clear, shown),
+            .is_empty()
+        {
+            self.encoder.clear(sample);
+        }
+        let encoder = self.encoder.update(sample);
+        if all {
+            shown.raw = self.raw(encoder, sample);
+        }
+        let selected = match self.selected {
+            SensorSelect::Quadrature => encoder,
+            other => self.others.reading(other),
         };
+        let selected = selected.reversed_if(self.reverse);
         shown.position = selected.position;
         shown.velocity = selected.velocity;
         let current = self.zero.update(sample.current);
@@ -107,36 +123,12 @@ impl Sensors {
         shown.analog_in = Volts::from_bits(board.analog_in.convert(sample.analog_in));
     }
 
-    /// Every sensor, and the selected one's reading.
-    #[inline(never)]
-    fn update_all(
-        &mut self,
-        settings: &Settings,
-        sample: &Sample,
-        command: &Command,
-        clear: bool,
-        shown: &mut Snapshot,
-    ) -> Reading {
-        let opts = &command.opts;
-        self.others.update(sample);
-        let order = self.order.take();
-        let encoder_order = order.and_then(|order| self.overwrite(order, opts));
-        if self.encoder.has_news(sample) {
-            self.encoder
-                .move_origin(settings.index, sample, encoder_order);
-        }
-        let encoder = self.encoder.update(sample, clear);
-        let analog = self.others.analog_encoder();
-        let selected = match opts.sensor {
-            SensorSelect::Quadrature => encoder,
-            SensorSelect::AnalogPotentiometer => self.others.potentiometer(),
-            SensorSelect::AnalogEncoder => analog,
-            SensorSelect::RisingEdges => self.others.rising_edges(),
-            SensorSelect::None => Reading::default(),
-        };
-        shown.raw = RawSensors {
+    /// Every sensor as it counts.
+    #[inline]
+    fn raw(&self, encoder: Reading, sample: &Sample) -> RawSensors {
+        RawSensors {
             encoder,
-            analog,
+            analog: self.others.analog_encoder(),
             index_rises: sample.index_rising.edges,
             conversions: Conversions {
                 current: sample.current,
@@ -144,17 +136,24 @@ impl Sensors {
                 temperature: sample.temperature,
                 analog_in: sample.analog_in,
             },
-        };
-        selected.reversed_if(opts.reverse_sensor)
+        }
+    }
+
+    /// What seldom happens: the first sample, an index edge, an order to overwrite a position.
+    #[inline(never)]
+    fn hear(&mut self, index: IndexSettings, sample: &Sample) {
+        let order = self.order.take();
+        let encoder_order = order.and_then(|order| self.overwrite(order));
+        self.encoder.move_origin(index, sample, encoder_order);
     }
 
     /// Carries out an order to overwrite a position; gives the encoder's new counts if they are meant.
-    fn overwrite(&mut self, order: SetPosition, opts: &DriveOpts) -> Option<i32> {
+    fn overwrite(&mut self, order: SetPosition) -> Option<i32> {
         if order.of == PositionOf::Encoder {
             return Some(order.counts);
         }
-        let counts = turned(order.counts, opts.reverse_sensor);
-        match opts.sensor {
+        let counts = turned(order.counts, self.reverse);
+        match self.selected {
             SensorSelect::Quadrature => return Some(counts),
             SensorSelect::AnalogEncoder => self.others.set_analog_encoder(counts),
             SensorSelect::RisingEdges => self.others.set_rising_edges(counts),
@@ -189,20 +188,26 @@ impl ZeroCurrent {
         match *self {
             Self::Known(zero) => i32::from(sample) - i32::from(zero),
             Self::Averaging { sum, samples } => {
-                let (sum, samples) = (sum + u32::from(sample), samples + 1);
-                *self = Self::Averaging { sum, samples };
-                if samples == ZERO_SAMPLES {
-                    let zero = ((sum + ZERO_SAMPLES / 2) / ZERO_SAMPLES) as u16;
-                    *self = if zero.abs_diff(ZERO_NOMINAL) <= ZERO_TOLERANCE {
-                        Self::Known(zero)
-                    } else {
-                        // Stay in the self-check, with the output off, until a zero can be found.
-                        Self::Averaging { sum: 0, samples: 0 }
-                    };
-                }
+                self.average(sum + u32::from(sample), samples + 1);
                 0
             }
         }
+    }
+
+    // Not inlined: a tick that knows the zero would pay for the registers.
+    #[inline(never)]
+    fn average(&mut self, sum: u32, samples: u32) {
+        if samples < ZERO_SAMPLES {
+            *self = Self::Averaging { sum, samples };
+            return;
+        }
+        let zero = ((sum + ZERO_SAMPLES / 2) / ZERO_SAMPLES) as u16;
+        *self = if zero.abs_diff(ZERO_NOMINAL) <= ZERO_TOLERANCE {
+            Self::Known(zero)
+        } else {
+            // Stay in the self-check, with the output off, until a zero can be found.
+            Self::Averaging { sum: 0, samples: 0 }
+        };
     }
 }
 
@@ -247,21 +252,22 @@ impl Encoder {
         self.attentive || edges != self.index_edges
     }
 
-    /// One tick. `clear`: the position is zero now.
+    /// The position is zero now.
+    fn clear(&mut self, sample: &Sample) {
+        self.origin = sample.encoder.wrapping_sub(self.first);
+    }
+
+    /// One tick.
     #[inline]
-    fn update(&mut self, sample: &Sample, clear: bool) -> Reading {
+    fn update(&mut self, sample: &Sample) -> Reading {
         let count = sample.encoder.wrapping_sub(self.first);
-        if clear {
-            self.origin = count;
-        }
         Reading {
             velocity: count.wrapping_sub(self.slide(count)) as i32,
             position: count.wrapping_sub(self.origin) as i32,
         }
     }
 
-    /// What seldom happens: the first sample, an index edge, an order to overwrite the position.
-    #[inline(never)]
+    /// Where the position counts from after the first sample, an index edge, an order to overwrite it.
     fn move_origin(&mut self, index: IndexSettings, sample: &Sample, order: Option<i32>) {
         self.attentive = false;
         let (rising, falling) = (sample.index_rising, sample.index_falling);

@@ -5,6 +5,8 @@
 //! in 64 bits, truncated toward zero and saturated to 32 bits; sums saturate. `out` is kept unclamped, so
 //! that a ramp may wind past full throttle; what is applied is clamped.
 
+use super::scale::scaled;
+
 /// Fractional bits of a gain.
 const GAIN_SHIFT: u32 = 22;
 
@@ -19,10 +21,20 @@ pub struct ThrottleGains {
     pub d: u32,
     /// Throttle per unit of the target, signed 10.22.
     pub f: i32,
-    /// The accumulator is cleared while the size of the error is not below this; 0 = never.
-    pub zone: i32,
+    /// The accumulator is cleared while the size of the error is not below this, see [`zone`].
+    pub zone: u32,
     /// Largest change of the output per step in throttle units, not negative; 0 = at once.
     pub ramp: i32,
+}
+
+/// The zone of a parameter's value: 0 = the accumulator is never cleared; no error is below a negative one.
+#[must_use]
+pub const fn zone(parameter: i32) -> u32 {
+    match parameter {
+        0 => u32::MAX,
+        ..0 => 0,
+        zone => zone as u32,
+    }
 }
 
 /// What goes into one step besides the gains.
@@ -85,10 +97,12 @@ impl ThrottleLaw {
     }
 
     /// One step; gives the output, not clamped.
+    // Inlined: its input would go through memory, and only one place of an image calls it.
+    #[inline(always)]
     pub fn step(&mut self, gains: &ThrottleGains, input: &Input) -> i32 {
         let error = input.target.saturating_sub(input.measured);
         let change = if self.running {
-            self.accumulator = if within(error, gains.zone) {
+            self.accumulator = if error.unsigned_abs() < gains.zone {
                 self.accumulator.saturating_add(error)
             } else {
                 0
@@ -122,30 +136,25 @@ impl ThrottleLaw {
     }
 }
 
-/// True if errors of this size are accumulated.
-fn within(error: i32, zone: i32) -> bool {
-    zone == 0 || i64::from(error.unsigned_abs()) < i64::from(zone)
-}
-
 /// value × gain, truncated toward zero, saturated.
+///
+/// The product is one of signed numbers, which a Cortex-M4 adds to 64 bits in the same instruction: to the bits
+/// that a gain beyond their range lacks, and to what [`toward_zero`] tells.
+#[inline]
 fn unsigned_term(value: i32, gain: u32) -> i32 {
-    shifted(i64::from(value) * i64::from(gain))
+    let gain = gain as i32;
+    let lacking = i64::from(value & (gain >> 31)) << 32;
+    scaled::<GAIN_SHIFT>(lacking + toward_zero(value) + i64::from(value) * i64::from(gain))
 }
 
 /// The same for a signed gain.
+#[inline]
 fn signed_term(value: i32, gain: i32) -> i32 {
-    shifted(i64::from(value) * i64::from(gain))
+    scaled::<GAIN_SHIFT>(toward_zero(value ^ gain) + i64::from(value) * i64::from(gain))
 }
 
-/// A product of 64 bits in units of 2⁻²² as an integer. On its own: four copies would be larger than the law.
-#[inline(never)]
-fn shifted(product: i64) -> i32 {
-    // Towards zero: a negative product is moved up by what the shift would round down.
-    let low = (1 << GAIN_SHIFT) - 1;
-    let units = product.wrapping_add((product >> 63) & low) >> GAIN_SHIFT;
-    if units == i64::from(units as i32) {
-        units as i32
-    } else {
-        ((units >> 63) as i32) ^ i32::MAX
-    }
+/// What a product of this sign is moved up by, so that the shift, which rounds down, truncates it.
+#[inline]
+fn toward_zero(sign: i32) -> i64 {
+    i64::from((sign >> 31) as u32 >> (32 - GAIN_SHIFT))
 }

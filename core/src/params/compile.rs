@@ -9,7 +9,7 @@ use crate::engine::settings::{
     Board, CurrentLimit, Derating, IndexSettings, LimitSettings, Policy, Settings, SlotSettings,
     SoftThreshold, Thresholds,
 };
-use crate::engine::throttle_law::ThrottleGains;
+use crate::engine::throttle_law::{ThrottleGains, zone};
 use crate::time::TICKS_PER_MS;
 
 /// Identifiers of one slot's parameters.
@@ -89,7 +89,7 @@ fn throttle_slot(params: &Params, ids: &ThrottleSlotIds) -> ThrottleGains {
         i: params.get(ids.i),
         d: params.get(ids.d),
         f: params.signed(ids.f),
-        zone: params.signed(ids.zone),
+        zone: zone(params.signed(ids.zone)),
         ramp: params.signed(ids.ramp),
     }
 }
