@@ -156,6 +156,12 @@ impl Frame {
         self.word & !REMOTE == id.0
     }
 
+    /// True for a data or remote frame with this identifier, whatever these bits of it are.
+    #[must_use]
+    pub const fn is_but_for(&self, bits: u32, id: ExtendedMatch) -> bool {
+        self.word & !(REMOTE | bits) == id.0
+    }
+
     /// The identifier without its width.
     #[must_use]
     pub const fn raw_id(&self) -> u32 {
@@ -195,6 +201,18 @@ impl Frame {
     #[must_use]
     pub const fn bytes(&self) -> &[u8; 8] {
         &self.data
+    }
+
+    /// The data if this is a data frame of exactly 8 bytes, as its two halves with the first byte lowest. A
+    /// processor shifts a field out of a word with one instruction, and has no second byte to load.
+    #[must_use]
+    #[inline]
+    pub fn words(&self) -> Option<[u32; 2]> {
+        let [a, b, c, d, e, f, g, h] = *self.exact::<8>()?;
+        Some([
+            u32::from_le_bytes([a, b, c, d]),
+            u32::from_le_bytes([e, f, g, h]),
+        ])
     }
 
     /// The data bytes if this is a data frame of exactly `N` bytes: the one length gate of every codec.

@@ -25,7 +25,7 @@ struct Subject {
     yardstick: &'static str,
 }
 
-const SUBJECTS: [Subject; 11] = [
+const SUBJECTS: [Subject; 12] = [
     Subject {
         symbol: "measured_pidf",
         about: "one PIDF step, all gains",
@@ -54,6 +54,12 @@ const SUBJECTS: [Subject; 11] = [
         symbol: "measured_talon_decode",
         about: "Talon control frame, decode",
         budget: Some((40, 40)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_talon_foreign",
+        about: "foreign frame, refused by the Talon dialect",
+        budget: Some((12, 12)),
         yardstick: "",
     },
     Subject {

@@ -40,7 +40,7 @@ pub use settings::{Board, Policy, Settings};
 use snapshot::{Actuation, DriveState, Sample, Snapshot};
 use throttle::ThrottleDrive;
 
-use crate::units::{Duty, Volts};
+use crate::units::{Amps, Duty, Volts};
 
 /// State of the control engine of one motor.
 #[derive(Clone, Debug)]
@@ -116,10 +116,10 @@ impl Engine {
         let switch_hit = switches_hit(&settings.limits, sample.pins.limits());
         self.sensors
             .update(settings, sample, switch_hit, &mut self.snapshot);
-        self.faults.update(settings, sample, &mut self.snapshot);
-        if self.snapshot.state == DriveState::SelfCheck && self.sensors.is_ready() {
-            self.end_self_check(settings, command);
+        if self.snapshot.state == DriveState::SelfCheck {
+            self.check(settings, sample, command);
         }
+        self.faults.update(settings, sample, &mut self.snapshot);
 
         self.snapshot.limits = judge(
             &settings.limits,
@@ -170,8 +170,14 @@ impl Engine {
         }
     }
 
+    /// One tick of the self-check, which ends when the zero of the current sensor has been found. Until the tick
+    /// after that no current is shown.
     #[inline(never)]
-    fn end_self_check(&mut self, settings: &Settings, command: &Command) {
+    fn check(&mut self, settings: &Settings, sample: &Sample, command: &Command) {
+        self.snapshot.current = Amps::ZERO;
+        if !self.sensors.find_zero(sample) {
+            return;
+        }
         let state = transition(self.snapshot.state, Event::Ready);
         // A command that came during the self-check and is still alive counts from now on.
         let standing = self.liveness.standing(&settings.policy, command);

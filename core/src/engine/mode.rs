@@ -104,9 +104,10 @@ impl Separate {
 
     /// Ticks until the first of the times ends; 0 if none runs.
     fn plan(&mut self) -> u16 {
-        let times = [self.heartbeat, self.permission, self.pause_left];
-        let running = times.into_iter().filter(|left| *left > 0);
-        self.planned = running.min().unwrap_or(0);
+        // One less each, so that a time that does not run is the longest, and none at all becomes 0 again.
+        let [heartbeat, permission, pause] =
+            [self.heartbeat, self.permission, self.pause_left].map(|left| left.wrapping_sub(1));
+        self.planned = heartbeat.min(permission).min(pause).wrapping_add(1);
         self.planned
     }
 

@@ -25,7 +25,9 @@ const ZERO_TOLERANCE: u16 = 205;
 pub struct Sensors {
     encoder: Encoder,
     others: OtherSensors,
-    zero: ZeroCurrent,
+    /// Zero of the current sensor, and how it is found.
+    zero: u16,
+    average: Average,
     set_generation: u32,
     /// An order that has not been carried out yet.
     order: Option<SetPosition>,
@@ -48,7 +50,8 @@ impl Sensors {
         Self {
             encoder: Encoder::new(),
             others: OtherSensors::new(),
-            zero: ZeroCurrent::Averaging { sum: 0, samples: 0 },
+            zero: ZERO_NOMINAL,
+            average: Average::NONE,
             set_generation: 0,
             order: None,
             selected: SensorSelect::Quadrature,
@@ -56,10 +59,12 @@ impl Sensors {
         }
     }
 
-    /// True once the zero of the current sensor is known.
-    #[must_use]
-    pub const fn is_ready(&self) -> bool {
-        matches!(self.zero, ZeroCurrent::Known(_))
+    /// One sample of the self-check; true once the zero of the current sensor is known. To be called until then; the
+    /// current that is shown before is void.
+    pub fn find_zero(&mut self, sample: &Sample) -> bool {
+        let zero = self.average.take(sample.current);
+        self.zero = zero.unwrap_or(self.zero);
+        zero.is_some()
     }
 
     /// A command that has changed. Its order to overwrite a position is carried out with the next sample if it is
@@ -114,7 +119,7 @@ impl Sensors {
         let selected = selected.reversed_if(self.reverse);
         shown.position = selected.position;
         shown.velocity = selected.velocity;
-        let current = self.zero.update(sample.current);
+        let current = i32::from(sample.current) - i32::from(self.zero);
         let current = current.wrapping_mul(settings.current_multiplier);
         shown.current = Amps::from_bits(current);
         let board = &settings.board;
@@ -173,41 +178,27 @@ const fn turned(counts: i32, reverse: bool) -> i32 {
     }
 }
 
-/// Zero of the current sensor.
+/// Average of the current sensor's samples while the output is off.
 #[derive(Clone, Copy, Debug)]
-enum ZeroCurrent {
-    /// Averaging samples while the output is off.
-    Averaging { sum: u32, samples: u32 },
-    /// Found.
-    Known(u16),
+struct Average {
+    sum: u32,
+    samples: u32,
 }
 
-impl ZeroCurrent {
-    /// Conversion steps above zero; 0 while the zero is unknown.
-    fn update(&mut self, sample: u16) -> i32 {
-        match *self {
-            Self::Known(zero) => i32::from(sample) - i32::from(zero),
-            Self::Averaging { sum, samples } => {
-                self.average(sum + u32::from(sample), samples + 1);
-                0
-            }
-        }
-    }
+impl Average {
+    const NONE: Self = Self { sum: 0, samples: 0 };
 
-    // Not inlined: a tick that knows the zero would pay for the registers.
-    #[inline(never)]
-    fn average(&mut self, sum: u32, samples: u32) {
-        if samples < ZERO_SAMPLES {
-            *self = Self::Averaging { sum, samples };
-            return;
+    /// Takes one sample; gives the zero once there are enough of them.
+    fn take(&mut self, sample: u16) -> Option<u16> {
+        self.sum += u32::from(sample);
+        self.samples += 1;
+        if self.samples < ZERO_SAMPLES {
+            return None;
         }
-        let zero = ((sum + ZERO_SAMPLES / 2) / ZERO_SAMPLES) as u16;
-        *self = if zero.abs_diff(ZERO_NOMINAL) <= ZERO_TOLERANCE {
-            Self::Known(zero)
-        } else {
-            // Stay in the self-check, with the output off, until a zero can be found.
-            Self::Averaging { sum: 0, samples: 0 }
-        };
+        let zero = ((self.sum + ZERO_SAMPLES / 2) / ZERO_SAMPLES) as u16;
+        // Else it begins anew: the self-check goes on, with the output off, until a zero can be found.
+        *self = Self::NONE;
+        (zero.abs_diff(ZERO_NOMINAL) <= ZERO_TOLERANCE).then_some(zero)
     }
 }
 

@@ -70,6 +70,14 @@ fn measured_talon_decode(talon: &mut TalonSrx, frame: &Frame) -> Decoded {
     talon.decode(NUMBER, frame)
 }
 
+// A section of its own, or the linker would fold it into its twin above.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_talon_foreign")]
+#[inline(never)]
+fn measured_talon_foreign(talon: &mut TalonSrx, frame: &Frame) -> Decoded {
+    talon.decode(NUMBER, frame)
+}
+
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn measured_control_decode(dialect: &mut Dmc60c, frame: &Frame) -> Decoded {
@@ -201,6 +209,7 @@ fn throttle() {
         let data = [0, 0, 0, middle, low, low, (at as u8) << 4 | low >> 4, 1];
         let frame = Frame::extended(base | u32::from(NUMBER), data);
         black_box(measured_talon_decode(&mut talon, &frame));
+        black_box(measured_talon_foreign(&mut talon, &foreign(at)));
     }
 }
 
@@ -216,7 +225,7 @@ fn control(at: u32) -> Frame {
 
 /// An identifier of another manufacturer, another message, another device.
 fn foreign(at: u32) -> Frame {
-    let raw = [0x0204_0000, 0x0206_1C00, id::CONTROL_0 | 6][at as usize % 3];
+    let raw = [0x0205_0000, 0x0206_1C00, id::CONTROL_0 | 6][at as usize % 3];
     Frame::extended(raw, [0; 8])
 }
 

@@ -25,6 +25,9 @@ use crate::params::table::ParameterId;
 use crate::time::{Duration, Instant, TICKS_PER_MS};
 use crate::units::{Amps, Duty, Volts};
 
+/// Bits of an identifier that tell the status frame that is listened to from the control frame.
+const ONLY_STATUS: u32 = id::STATUS_GENERAL & !id::CONTROL_0;
+
 /// What the dialect remembers.
 #[derive(Clone, Debug)]
 pub struct Dmc60c {
@@ -101,11 +104,10 @@ impl Dialect for Dmc60c {
 }
 
 impl Dmc60c {
-    /// A general status frame of the followed controller, or else a control frame for this device.
+    /// A control frame for this device or a general status frame of the followed controller.
     fn read(&mut self, frame: &Frame) -> Decoded {
-        if frame.is(self.master) {
-            let Some(status) = StatusGeneral::parse(frame) else { return refused(frame) };
-            return Decoded::Intent(Intent::MasterReport(Duty::new(status.duty)));
+        if frame.raw_id() & ONLY_STATUS != 0 {
+            return master_report(frame);
         }
         let Some(control) = Control0::parse(frame) else { return refused(frame) };
         let setpoint = setpoint(&control);
@@ -117,6 +119,13 @@ impl Dmc60c {
         };
         Decoded::Intent(Intent::Drive(setpoint, drive_opts(&control)))
     }
+}
+
+/// A general status frame of the followed controller.
+#[inline(never)]
+fn master_report(frame: &Frame) -> Decoded {
+    let Some(status) = StatusGeneral::parse(frame) else { return refused(frame) };
+    Decoded::Intent(Intent::MasterReport(Duty::new(status.duty)))
 }
 
 /// Why a frame could not be read.

@@ -123,7 +123,10 @@ impl Control0 {
     /// Reads the frame's data; `None` unless it has exactly 8 bytes.
     #[must_use]
     pub fn parse(frame: &Frame) -> Option<Self> {
-        let [fs0, fs1, _, high, low, middle, ramp_low, ramp_high] = *frame.exact::<8>()?;
+        let [flags, values] = frame.words()?;
+        let [fs0, fs1, ..] = flags.to_le_bytes();
+        // The high byte, with the sign, above the two lower ones.
+        let target = (flags as i32 >> 24) << 16 | (values & 0xFFFF) as i32;
         Some(Self {
             mode: ModeSelect::from_code(fs0),
             override_neutral: bit(fs0, 4),
@@ -135,8 +138,8 @@ impl Control0 {
                 enabled: bit(fs1, 3),
                 disabled: Directions::from_bits(fs1 >> 1),
             },
-            target: i24(high, middle, low),
-            ramp: u16::from_le_bytes([ramp_low, ramp_high]),
+            target,
+            ramp: (values >> 16) as u16,
         })
     }
 
@@ -162,8 +165,9 @@ impl Control0 {
 
 /// Two flags `distance` bits apart: forward in bit `at`, reverse above it.
 const fn spread(set: Directions, at: u8, distance: u8) -> u8 {
-    let bits = set.bits();
-    ((bits & 1) | (bits >> 1) << distance) << at
+    // Forward in bit 0 of the one, reverse in bit `distance` of the other.
+    let bits = set.bits() | set.bits() << (distance - 1);
+    (bits & (1 | 1 << distance)) << at
 }
 
 /// What [`spread`] made.

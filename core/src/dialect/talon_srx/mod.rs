@@ -12,9 +12,9 @@ mod tests;
 
 use heapless::Deque;
 use wire::{
-    BROADCAST_NUMBER, BrakeOverride, Control1, Control2, Control3, Control5, FeedbackDevice,
-    General, GlobalEnable, LimitOverride, LiveFaults, ModeSelect, Parameter, Status1, Status2,
-    Status3, Status4, Status5, Status6, Status7, Sticky, id,
+    BROADCAST_NUMBER, BrakeOverride, Control2, Control3, FeedbackDevice, GlobalEnable,
+    LimitOverride, LiveFaults, ModeSelect, Parameter, RawGeneral, Status1, Status2, Status3,
+    Status4, Status5, Status6, Status7, Sticky, id,
 };
 
 use parameters::Promised;
@@ -28,9 +28,9 @@ use crate::engine::policy::{
 use crate::engine::limit::Directions;
 use crate::engine::snapshot::{DriveState, Fault, Faults, Pin};
 use crate::field::saturate_i16;
-use crate::frame::Frame;
+use crate::frame::{ExtendedMatch, Frame};
 use crate::led::Style;
-use crate::frc_id::{NUMBER_MASK, base, number};
+use crate::frc_id::{NUMBER_MASK, base, number, with_number};
 use crate::management::Identity;
 use crate::management::identity::Manufacturer;
 use crate::params::{Params, SaveRule};
@@ -49,13 +49,17 @@ const PERIODS: [u8; 6] = [10, 20, 100, 100, 0, 0];
 /// Product identifier in the answer to an enumeration: product 0x204, variant 1, firmware id 1; our own.
 pub const PRODUCT_TALON_SRX: u32 = 0x2040_0101;
 
+/// Bit of an identifier that tells Control_5 from Control_1.
+const ONLY_CONTROL_5: u32 = id::CONTROL_5 & !id::CONTROL_1;
+const _: () = assert!(id::CONTROL_1 & id::CONTROL_5 == id::CONTROL_1);
+
 /// What the dialect remembers.
 #[derive(Clone, Debug)]
 pub struct TalonSrx {
     /// What the host said last; it is shown until the host says something else.
-    told: General,
-    /// Number of the controller that is followed.
-    master: Option<u8>,
+    told: RawGeneral,
+    /// General status of the controller that is followed.
+    master: ExtendedMatch,
     /// A global disable holds until the next global enable …
     held_by_global: bool,
     /// … and the broadcast of the field's controller until the next Control_1.
@@ -79,8 +83,8 @@ pub struct TalonSrx {
 impl Default for TalonSrx {
     fn default() -> Self {
         Self {
-            told: General::default(),
-            master: None,
+            told: RawGeneral::default(),
+            master: ExtendedMatch::NONE,
             held_by_global: false,
             held_by_broadcast: false,
             periods: PERIODS,
@@ -138,38 +142,17 @@ impl Dialect for TalonSrx {
     /// Manual 2.2, 4.1 and 16.3; rates by docs/leds.md.
     const LED_STYLE: Style = Style::Blinking;
 
+    #[inline]
     fn decode(&mut self, own: u8, frame: &Frame) -> Decoded {
-        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
-        if !self.is_meant(own, id) {
+        let to = number(frame.raw_id());
+        let meant = to == own
+            || to == BROADCAST_NUMBER
+            || frame.is(self.master)
+            || frame.is(ExtendedMatch::new(id::DISABLE_ALL));
+        if !meant {
             return Decoded::Ignored;
         }
-        if id == id::DISABLE_ALL {
-            // Whatever its length and kind: this one is never refused.
-            self.held_by_broadcast = true;
-            return Decoded::Intent(Intent::Enable(false));
-        }
-        if frame.is_remote() {
-            return Decoded::Bad(Bad::Remote);
-        }
-        let decoded = match base(id) {
-            id::CONTROL_1 => Control1::parse(frame).map(|control| self.control_1(&control)),
-            id::CONTROL_2 => Control2::parse(frame).map(|control| self.control_2(&control)),
-            id::CONTROL_3 => Control3::parse(frame).map(|control| self.control_3(&control)),
-            id::CONTROL_5 => Control5::parse(frame).map(|control| {
-                let (setpoint, opts) = self.tell(&control.general);
-                Decoded::Intent(Intent::Prepare(setpoint, opts))
-            }),
-            id::STATUS_1 => Status1::parse_throttle(frame).map(|throttle| {
-                let duty = Duty::from_throttle(i32::from(throttle));
-                Decoded::Intent(Intent::MasterReport(duty))
-            }),
-            id::PARAMETER_REQUEST => wire::ParameterRequest::parse(frame)
-                .map(|request| self.parameter_request(request.parameter)),
-            id::PARAMETER_SET => wire::ParameterValue::parse_set(frame)
-                .map(|set| self.parameter_set(set.parameter, set.value)),
-            _ => GlobalEnable::parse(frame).map(|enable| self.global_enable(enable)),
-        };
-        decoded.unwrap_or(Decoded::Bad(Bad::Length))
+        self.read(own, frame)
     }
 
     fn answer(&mut self, _: Outcome) {
@@ -193,8 +176,8 @@ impl Dialect for TalonSrx {
             rhythm.stop();
         }
         self.owed.clear();
-        self.master = None;
-        self.told = General::default();
+        self.master = ExtendedMatch::NONE;
+        self.told = RawGeneral::default();
     }
 
     fn encode(&mut self, now: Instant, view: &View<'_>) -> Option<Outgoing> {
@@ -235,19 +218,45 @@ const fn millis(period: u8) -> Duration {
 }
 
 impl TalonSrx {
-    /// True if frames with this 29-bit identifier mean anything to device `own`.
-    fn is_meant(&self, own: u8, id: u32) -> bool {
-        let (base, to) = (base(id), number(id));
-        match base {
-            id::CONTROL_1
-            | id::CONTROL_2
-            | id::CONTROL_3
-            | id::CONTROL_5
-            | id::PARAMETER_REQUEST
-            | id::PARAMETER_SET => to == own || to == BROADCAST_NUMBER,
-            id::STATUS_1 => self.master == Some(to),
-            _ => id == id::GLOBAL_ENABLE || id == id::DISABLE_ALL,
+    /// A frame that may be meant for device `own`.
+    #[inline(never)]
+    fn read(&mut self, own: u8, frame: &Frame) -> Decoded {
+        // What comes most often.
+        let control = ExtendedMatch::new(with_number(id::CONTROL_1, own));
+        if frame.is_but_for(ONLY_CONTROL_5, control) {
+            return self.control(frame);
         }
+        self.read_other(frame)
+    }
+
+    /// A frame to this device, to every device or of the followed controller, but no control frame to this device.
+    #[inline(never)]
+    fn read_other(&mut self, frame: &Frame) -> Decoded {
+        let Some(id) = frame.extended_id() else { return Decoded::Ignored };
+        if id == id::DISABLE_ALL {
+            // Whatever its length and kind: this one is never refused.
+            self.held_by_broadcast = true;
+            return Decoded::Intent(Intent::Enable(false));
+        }
+        let refused = if frame.is_remote() { Bad::Remote } else { Bad::Length };
+        let decoded = match base(id) {
+            id::CONTROL_1 | id::CONTROL_5 => return self.control(frame),
+            id::CONTROL_2 => Control2::parse(frame).map(|control| self.control_2(&control)),
+            id::CONTROL_3 => Control3::parse(frame).map(|control| self.control_3(&control)),
+            id::STATUS_1 if frame.is(self.master) => Status1::parse_throttle(frame).map(|throttle| {
+                let duty = Duty::from_throttle(i32::from(throttle));
+                Decoded::Intent(Intent::MasterReport(duty))
+            }),
+            id::PARAMETER_REQUEST => wire::ParameterRequest::parse(frame)
+                .map(|request| self.parameter_request(request.parameter)),
+            id::PARAMETER_SET => wire::ParameterValue::parse_set(frame)
+                .map(|set| self.parameter_set(set.parameter, set.value)),
+            _ if id == id::GLOBAL_ENABLE => {
+                GlobalEnable::parse(frame).map(|enable| self.global_enable(enable))
+            }
+            _ => return Decoded::Ignored,
+        };
+        decoded.unwrap_or(Decoded::Bad(refused))
     }
 
     /// Which periodic frame is due, by its place in [`PERIODS`].
@@ -265,22 +274,37 @@ impl TalonSrx {
         due
     }
 
-    fn control_1(&mut self, control: &Control1) -> Decoded {
+    /// Control_1 or Control_5.
+    #[inline]
+    fn control(&mut self, frame: &Frame) -> Decoded {
+        let enables = frame.raw_id() & ONLY_CONTROL_5 == 0;
+        let Some(general) = RawGeneral::read(frame) else { return self.short(frame, enables) };
+        if enables {
+            self.enabled();
+        }
+        self.tell(general, enables && !self.held_by_global)
+    }
+
+    /// A control frame without the 8 bytes: the short form of Control_1, which only enables.
+    #[inline(never)]
+    fn short(&mut self, frame: &Frame, enables: bool) -> Decoded {
+        if frame.is_remote() {
+            return Decoded::Bad(Bad::Remote);
+        }
+        if !enables || frame.exact::<2>().is_none() {
+            return Decoded::Bad(Bad::Length);
+        }
+        self.enabled();
+        if self.held_by_global {
+            return Decoded::Ignored;
+        }
+        Decoded::Intent(Intent::Enable(true))
+    }
+
+    /// A Control_1 has come.
+    fn enabled(&mut self) {
         self.held_by_broadcast = false;
         self.tokens = self.tokens.wrapping_add(1);
-        let intent = match control.general {
-            Some(general) => {
-                let (setpoint, opts) = self.tell(&general);
-                if self.held_by_global {
-                    Intent::Prepare(setpoint, opts)
-                } else {
-                    Intent::Drive(setpoint, opts)
-                }
-            }
-            None if self.held_by_global => return Decoded::Ignored,
-            None => Intent::Enable(true),
-        };
-        Decoded::Intent(intent)
     }
 
     fn global_enable(&mut self, enable: GlobalEnable) -> Decoded {
@@ -308,16 +332,20 @@ impl TalonSrx {
     }
 
     /// Takes over what the host says, enabled or not.
-    // Not inlined: the two frames that say it would each have a copy.
-    #[inline(never)]
-    fn tell(&mut self, general: &General) -> (Setpoint, DriveOpts) {
-        self.told = *general;
+    #[inline]
+    fn tell(&mut self, general: RawGeneral, enabled: bool) -> Decoded {
+        self.told = general;
         let setpoint = setpoint(general);
         self.master = match setpoint {
-            Setpoint::Follow(master) => Some(master),
-            _ => None,
+            Setpoint::Follow(master) => ExtendedMatch::new(with_number(id::STATUS_1, master)),
+            _ => ExtendedMatch::NONE,
         };
-        (setpoint, drive_opts(general))
+        let opts = drive_opts(general);
+        Decoded::Intent(if enabled {
+            Intent::Drive(setpoint, opts)
+        } else {
+            Intent::Prepare(setpoint, opts)
+        })
     }
 
     /// `STATUS_1` of the present state.
@@ -330,9 +358,9 @@ impl TalonSrx {
             token_locked: snapshot.state == DriveState::Running,
             forward_closed: !snapshot.pins.is_high(Pin::ForwardLimit),
             reverse_closed: !snapshot.pins.is_high(Pin::ReverseLimit),
-            feedback: self.told.feedback,
-            limits: self.told.limits,
-            mode: self.told.mode,
+            feedback: self.told.feedback(),
+            limits: self.told.limits(),
+            mode: self.told.mode(),
             token_seed: self.token_seed,
         }
     }
@@ -344,7 +372,7 @@ impl TalonSrx {
             velocity: saturate_i16(snapshot.velocity),
             current: wire::current_raw(snapshot.current),
             sticky: sticky(view),
-            slot_1: self.told.slot_1,
+            slot_1: self.told.slot_1(),
             brake: snapshot.neutral == Neutral::Brake,
             ..Status2::default()
         }
@@ -364,13 +392,13 @@ impl TalonSrx {
 }
 
 /// The setpoint of a control frame. What firmware 1.1 does not drive is neutral (manual 21).
-fn setpoint(general: &General) -> Setpoint {
-    let sensed = !matches!(general.feedback, FeedbackDevice::Unsupported(_));
-    match general.mode {
-        ModeSelect::Duty => Setpoint::Duty(Duty::from_throttle(general.demand)),
-        ModeSelect::Position if sensed => Setpoint::Position(general.demand),
-        ModeSelect::Velocity if sensed => Setpoint::Velocity(general.demand),
-        ModeSelect::Follower => Setpoint::Follow((general.demand as u32 & NUMBER_MASK) as u8),
+fn setpoint(general: RawGeneral) -> Setpoint {
+    let sensed = !matches!(general.feedback(), FeedbackDevice::Unsupported(_));
+    match general.mode() {
+        ModeSelect::Duty => Setpoint::Duty(Duty::from_throttle(general.demand())),
+        ModeSelect::Position if sensed => Setpoint::Position(general.demand()),
+        ModeSelect::Velocity if sensed => Setpoint::Velocity(general.demand()),
+        ModeSelect::Follower => Setpoint::Follow((general.demand() as u32 & NUMBER_MASK) as u8),
         ModeSelect::Position
         | ModeSelect::Velocity
         | ModeSelect::Current
@@ -380,33 +408,33 @@ fn setpoint(general: &General) -> Setpoint {
     }
 }
 
-fn drive_opts(general: &General) -> DriveOpts {
+fn drive_opts(general: RawGeneral) -> DriveOpts {
     // Not the duty cycle (manual 7.4, 9.4).
-    let turns = !matches!(general.mode, ModeSelect::Duty);
+    let turns = !matches!(general.mode(), ModeSelect::Duty);
     DriveOpts {
-        slot: if general.slot_1 { Slot::One } else { Slot::Zero },
-        neutral: match general.brake {
+        slot: if general.slot_1() { Slot::One } else { Slot::Zero },
+        neutral: match general.brake() {
             BrakeOverride::Stored | BrakeOverride::Reserved => None,
             BrakeOverride::Coast => Some(Neutral::Coast),
             BrakeOverride::Brake => Some(Neutral::Brake),
         },
-        limits: match general.limits {
+        limits: match general.limits() {
             LimitOverride::Stored(_) => command::LimitOverride::NONE,
             LimitOverride::Forced { forward, reverse } => command::LimitOverride {
                 enabled: true,
                 disabled: Directions::new(!forward, !reverse),
             },
         },
-        sensor: match general.feedback {
+        sensor: match general.feedback() {
             FeedbackDevice::Quadrature => SensorSelect::Quadrature,
             FeedbackDevice::AnalogPotentiometer => SensorSelect::AnalogPotentiometer,
             FeedbackDevice::AnalogEncoder => SensorSelect::AnalogEncoder,
             FeedbackDevice::RisingEdges => SensorSelect::RisingEdges,
             FeedbackDevice::Unsupported(_) => SensorSelect::None,
         },
-        reverse_sensor: general.reverse_sensor,
-        reverse_motor: general.reverse_output && turns,
-        ramp: u16::from(general.ramp),
+        reverse_sensor: general.reverse_sensor(),
+        reverse_motor: general.reverse_output() && turns,
+        ramp: u16::from(general.ramp()),
     }
 }
 

@@ -83,7 +83,7 @@ impl TalonSrx {
         match parameter {
             Parameter::SensorPosition => {
                 // The others are absolute, or nothing to set (manual 13): they answer where they stand.
-                promised.position = match self.told.feedback {
+                promised.position = match self.told.feedback() {
                     FeedbackDevice::AnalogPotentiometer | FeedbackDevice::Unsupported(_) => None,
                     _ => Some(signed),
                 };
@@ -167,13 +167,13 @@ impl TalonSrx {
         Some(match parameter {
             Parameter::AppliedThrottle => snapshot.duty().throttle() as u32,
             Parameter::ClosedLoopError => snapshot.error as u32,
-            Parameter::FeedbackDeviceSelect => u32::from(told.feedback.code()),
-            Parameter::ReverseOutput => u32::from(told.reverse_output),
-            Parameter::ModeSelect => u32::from(told.mode.code()),
-            Parameter::ProfileSlotSelect => u32::from(told.slot_1),
-            Parameter::RampThrottle => u32::from(told.ramp),
-            Parameter::ReverseSensor => u32::from(told.reverse_sensor),
-            Parameter::LimitSwitchEnable => u32::from(told.limits.code()),
+            Parameter::FeedbackDeviceSelect => u32::from(told.feedback().code()),
+            Parameter::ReverseOutput => u32::from(told.reverse_output()),
+            Parameter::ModeSelect => u32::from(told.mode().code()),
+            Parameter::ProfileSlotSelect => u32::from(told.slot_1()),
+            Parameter::RampThrottle => u32::from(told.ramp()),
+            Parameter::ReverseSensor => u32::from(told.reverse_sensor()),
+            Parameter::LimitSwitchEnable => u32::from(told.limits().code()),
             Parameter::BrakeIsEnabled => u32::from(snapshot.neutral == Neutral::Brake),
             Parameter::ResetCount => u32::from(view.device.reset_count),
             Parameter::ResetFlags => u32::from(view.device.reset_flags),

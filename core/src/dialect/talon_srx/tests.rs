@@ -2,6 +2,7 @@
 //! own tests in `wire`.
 
 use super::*;
+use super::wire::{Control1, Control5, General};
 use crate::dialect::{Device, Request};
 use crate::engine::command::PositionOf;
 use crate::engine::{Board, Settings};
@@ -93,7 +94,7 @@ fn i5_only_frames_for_this_device_are_taken() {
 fn a_number_of_zero_works() {
     let mut talon = TalonSrx::default();
     let frame = Control1 { token: 0, general: Some(general(ModeSelect::Duty, 7)) }.emit(0);
-    let opts = drive_opts(&general(ModeSelect::Duty, 7));
+    let opts = drive_opts(general(ModeSelect::Duty, 7).raw());
     let setpoint = Setpoint::Duty(Duty::from_throttle(7));
     assert_eq!(intent(talon.decode(0, &frame)), Intent::Drive(setpoint, opts));
 }
@@ -109,16 +110,16 @@ fn modes_of_firmware_1_1_drive_and_all_others_are_neutral() {
             5 => Setpoint::Follow((500 & 63) as u8),
             _ => Setpoint::Neutral,
         };
-        assert_eq!(setpoint(&general(mode, 500)), expected, "mode {code}");
+        assert_eq!(setpoint(general(mode, 500).raw()), expected, "mode {code}");
         let blind = General { feedback: FeedbackDevice::Unsupported(5), ..general(mode, 500) };
         if code == 1 || code == 2 {
-            assert_eq!(setpoint(&blind), Setpoint::Neutral);
+            assert_eq!(setpoint(blind.raw()), Setpoint::Neutral);
         } else {
-            assert_eq!(setpoint(&blind), expected);
+            assert_eq!(setpoint(blind.raw()), expected);
         }
     }
-    assert_eq!(setpoint(&general(ModeSelect::Duty, 5000)), Setpoint::Duty(Duty::MAX));
-    assert_eq!(setpoint(&general(ModeSelect::Duty, -5000)), Setpoint::Duty(Duty::MIN));
+    assert_eq!(setpoint(general(ModeSelect::Duty, 5000).raw()), Setpoint::Duty(Duty::MAX));
+    assert_eq!(setpoint(general(ModeSelect::Duty, -5000).raw()), Setpoint::Duty(Duty::MIN));
 }
 
 #[test]
@@ -130,7 +131,7 @@ fn the_output_is_turned_in_closed_loops_and_while_following_only() {
         (ModeSelect::Follower, true),
     ] {
         let told = General { reverse_output: true, ..general(mode, 0) };
-        assert_eq!(drive_opts(&told).reverse_motor, turned);
+        assert_eq!(drive_opts(told.raw()).reverse_motor, turned);
     }
 }
 

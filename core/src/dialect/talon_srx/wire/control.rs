@@ -1,7 +1,7 @@
 //! Control frames, host to controller.
 
 use super::{BrakeOverride, FeedbackDevice, LimitOverride, ModeSelect, id};
-use crate::field::{bit, flag, i24, i24_bytes};
+use crate::field::{bit, flag, i24_bytes};
 use crate::frame::Frame;
 use crate::frc_id::with_number;
 
@@ -28,20 +28,121 @@ pub struct General {
     pub ramp: u8,
 }
 
-impl General {
-    // Not inlined: both frames that carry it would have a copy.
-    #[inline(never)]
-    const fn parse([high, middle, low, select, options, ramp]: [u8; 6]) -> Self {
+/// Bytes 2 to 7 of Control_1 and Control_5 as they came: a controller keeps what it was told, and most of it is
+/// asked for only when it is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RawGeneral {
+    /// Bytes 0 to 3 of the frame, the first one lowest: two bytes of its own and the upper ones of the demand.
+    start: u32,
+    /// Low byte of the demand, select, options, ramp.
+    end: u32,
+}
+
+impl RawGeneral {
+    /// What stands in the frame's data; `None` unless it has exactly 8 bytes.
+    #[must_use]
+    #[inline]
+    pub fn read(frame: &Frame) -> Option<Self> {
+        let [start, end] = frame.words()?;
+        Some(Self { start, end })
+    }
+
+    /// See [`General::demand`].
+    #[must_use]
+    pub const fn demand(self) -> i32 {
+        // The high bytes stand the other way round.
+        let high = self.start.swap_bytes() as i16 as i32;
+        high << 8 | (self.end & 0xFF) as i32
+    }
+
+    const fn select(self) -> u8 {
+        (self.end >> 8) as u8
+    }
+
+    const fn options(self) -> u8 {
+        (self.end >> 16) as u8
+    }
+
+    /// See [`General::slot_1`].
+    #[must_use]
+    pub const fn slot_1(self) -> bool {
+        bit(self.select(), 0)
+    }
+
+    /// See [`General::feedback`].
+    #[must_use]
+    pub const fn feedback(self) -> FeedbackDevice {
+        FeedbackDevice::from_code(self.select() >> 1)
+    }
+
+    /// See [`General::limits`].
+    #[must_use]
+    pub const fn limits(self) -> LimitOverride {
+        LimitOverride::from_code(self.select() >> 5)
+    }
+
+    /// See [`General::reverse_sensor`].
+    #[must_use]
+    pub const fn reverse_sensor(self) -> bool {
+        bit(self.options(), 0)
+    }
+
+    /// See [`General::reverse_output`].
+    #[must_use]
+    pub const fn reverse_output(self) -> bool {
+        bit(self.options(), 1)
+    }
+
+    /// See [`General::brake`].
+    #[must_use]
+    pub const fn brake(self) -> BrakeOverride {
+        BrakeOverride::from_code(self.options() >> 2)
+    }
+
+    /// See [`General::mode`].
+    #[must_use]
+    pub const fn mode(self) -> ModeSelect {
+        ModeSelect::from_code(self.options() >> 4)
+    }
+
+    /// See [`General::ramp`].
+    #[must_use]
+    pub const fn ramp(self) -> u8 {
+        (self.end >> 24) as u8
+    }
+}
+
+impl Default for RawGeneral {
+    /// What [`General::default`] says.
+    fn default() -> Self {
+        General::default().raw()
+    }
+}
+
+impl From<RawGeneral> for General {
+    fn from(raw: RawGeneral) -> Self {
         Self {
-            demand: i24(high, middle, low),
-            slot_1: bit(select, 0),
-            feedback: FeedbackDevice::from_code(select >> 1),
-            limits: LimitOverride::from_code(select >> 5),
-            reverse_sensor: bit(options, 0),
-            reverse_output: bit(options, 1),
-            brake: BrakeOverride::from_code(options >> 2),
-            mode: ModeSelect::from_code(options >> 4),
-            ramp,
+            demand: raw.demand(),
+            slot_1: raw.slot_1(),
+            feedback: raw.feedback(),
+            limits: raw.limits(),
+            reverse_sensor: raw.reverse_sensor(),
+            reverse_output: raw.reverse_output(),
+            brake: raw.brake(),
+            mode: raw.mode(),
+            ramp: raw.ramp(),
+        }
+    }
+}
+
+impl General {
+    /// As it stands in a frame. The demand saturates at 24 bits.
+    #[must_use]
+    pub const fn raw(&self) -> RawGeneral {
+        let [high, middle, low, select, options, ramp] = self.emit();
+        RawGeneral {
+            start: u32::from_le_bytes([0, 0, high, middle]),
+            end: u32::from_le_bytes([low, select, options, ramp]),
         }
     }
 
@@ -69,17 +170,14 @@ impl Control1 {
     /// Reads the frame's data; `None` unless it has 8 or 2 bytes.
     #[must_use]
     pub fn parse(frame: &Frame) -> Option<Self> {
-        if let Some([t0, t1, rest @ ..]) = frame.exact::<8>() {
-            let general = Some(General::parse(*rest));
-            return Some(Self {
-                token: u16::from_be_bytes([*t0, *t1]),
-                general,
-            });
+        let general = RawGeneral::read(frame);
+        if general.is_none() {
+            frame.exact::<2>()?;
         }
-        let token = u16::from_be_bytes(*frame.exact::<2>()?);
+        let [t0, t1, ..] = *frame.bytes();
         Some(Self {
-            token,
-            general: None,
+            token: u16::from_be_bytes([t0, t1]),
+            general: general.map(General::from),
         })
     }
 
@@ -111,12 +209,10 @@ impl Control5 {
     /// Reads the frame's data; `None` unless it has exactly 8 bytes.
     #[must_use]
     pub fn parse(frame: &Frame) -> Option<Self> {
-        let [high, low, rest @ ..] = frame.exact::<8>()?;
-        let bump = u16::from(high & 7) << 8 | u16::from(*low);
-        Some(Self {
-            bump,
-            general: General::parse(*rest),
-        })
+        let general = RawGeneral::read(frame)?.into();
+        let [high, low, ..] = *frame.bytes();
+        let bump = u16::from(high & 7) << 8 | u16::from(low);
+        Some(Self { bump, general })
     }
 
     /// The frame for device `number`. The demand saturates at 24 bits, the bump at 11.

@@ -12,7 +12,7 @@ mod status;
 #[cfg(test)]
 mod tests;
 
-pub use control::{Control1, Control2, Control3, Control5, General, GlobalEnable};
+pub use control::{Control1, Control2, Control3, Control5, General, GlobalEnable, RawGeneral};
 pub use parameter::{Access, Encoding, Parameter, ParameterRequest, ParameterValue, Row, TABLE};
 pub use status::{
     LiveFaults, Status1, Status2, Status3, Status4, Status5, Status6, Status7, Sticky,
