@@ -25,7 +25,7 @@ struct Subject {
     yardstick: &'static str,
 }
 
-const SUBJECTS: [Subject; 12] = [
+const SUBJECTS: [Subject; 14] = [
     Subject {
         symbol: "measured_pidf",
         about: "one PIDF step, all gains",
@@ -39,6 +39,12 @@ const SUBJECTS: [Subject; 12] = [
         yardstick: "",
     },
     Subject {
+        symbol: "measured_loop_tick",
+        about: "one tick of a position loop, no fault",
+        budget: Some((180, 250)),
+        yardstick: "",
+    },
+    Subject {
         symbol: "measured_throttle_law",
         about: "one step of the Talon's law, all gains",
         budget: Some((50, 50)),
@@ -47,6 +53,12 @@ const SUBJECTS: [Subject; 12] = [
     Subject {
         symbol: "measured_throttle_tick",
         about: "one tick as a Talon, every mode, sensor and flag",
+        budget: Some((180, 250)),
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_throttle_loop_tick",
+        about: "one tick of a position loop as a Talon",
         budget: Some((180, 250)),
         yardstick: "",
     },

@@ -194,6 +194,8 @@ impl Engine {
             self.output.reset();
             self.throttle.reset();
             self.snapshot.accumulator = self.throttle.accumulator();
+            self.snapshot.error = 0;
+            self.snapshot.current_limited = false;
         }
         if matches!(self.setpoint, Setpoint::Follow(_)) {
             self.follower.wait();
@@ -204,8 +206,6 @@ impl Engine {
         } else {
             Actuation::Off
         };
-        snapshot.error = 0;
-        snapshot.current_limited = false;
     }
 
     /// A running drive: setpoint, control law, and what the output makes of it.

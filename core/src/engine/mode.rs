@@ -321,6 +321,8 @@ impl Follower {
     }
 
     /// One tick; to be called in every tick in which a controller is followed.
+    // Not inlined: it would become instructions that every other tick executes without effect.
+    #[inline(never)]
     pub fn wait(&mut self) {
         self.ticks_left = self.ticks_left.saturating_sub(1);
     }

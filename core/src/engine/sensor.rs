@@ -109,12 +109,14 @@ impl Sensors {
             self.encoder.clear(sample);
         }
         let encoder = self.encoder.update(sample);
-        if all {
+        let selected = if all {
             shown.raw = self.raw(encoder, sample);
-        }
-        let selected = match self.selected {
-            SensorSelect::Quadrature => encoder,
-            other => self.others.reading(other),
+            match self.selected {
+                SensorSelect::Quadrature => encoder,
+                other => self.others.reading(other),
+            }
+        } else {
+            encoder
         };
         let selected = selected.reversed_if(self.reverse);
         shown.position = selected.position;

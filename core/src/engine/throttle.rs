@@ -2,7 +2,7 @@
 //!
 //! Source: Talon SRX manual, 6, 8, 9, 17.5 to 17.8 and 18; order and decisions of `docs/talon-srx.md`.
 
-use super::command::{Command, SensorSelect, Setpoint};
+use super::command::{Command, SensorSelect, SetAccumulator, Setpoint};
 use super::output::unblocked;
 use super::settings::Settings;
 use super::snapshot::Snapshot;
@@ -57,9 +57,15 @@ impl ThrottleDrive {
     pub(super) fn obey(&mut self, command: &Command) {
         let order = command.set_accumulator;
         if order.generation != self.set_generation {
-            self.set_generation = order.generation;
-            self.law.set_accumulator(order.value);
+            self.set_accumulator(order);
         }
+    }
+
+    // Not inlined, see `Follower::wait`.
+    #[inline(never)]
+    fn set_accumulator(&mut self, order: SetAccumulator) {
+        self.set_generation = order.generation;
+        self.law.set_accumulator(order.value);
     }
 
     /// One tick of a running drive: the duty cycle; shows the error of a closed loop. `master` is the duty
@@ -129,7 +135,9 @@ impl ThrottleDrive {
                 .step(settings.throttle_slot(command.opts.slot), &input);
         }
         self.rests = !self.rests;
-        let throttle = self.law.out().clamp(-THROTTLE_FULL, THROTTLE_FULL);
+        // A power of two first, which is one instruction (SSAT) on a Cortex-M.
+        let throttle = self.law.out().clamp(-THROTTLE_FULL - 1, THROTTLE_FULL);
+        let throttle = throttle.max(-THROTTLE_FULL);
         (Some(throttle), self.law.error())
     }
 

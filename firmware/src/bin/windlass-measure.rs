@@ -12,8 +12,8 @@ use windlass_core::dialect::dmc60c::wire::id;
 use windlass_core::dialect::dmc60c::{Dmc60c, status_general};
 use windlass_core::dialect::talon_srx::TalonSrx;
 use windlass_core::dialect::talon_srx::wire::id as talon_id;
-use windlass_core::dialect::{Decoded, Device, Dialect, View};
-use windlass_core::engine::command::Command;
+use windlass_core::dialect::{Decoded, Device, Dialect, DialectKind, View};
+use windlass_core::engine::command::{Command, Setpoint};
 use windlass_core::engine::pidf::{Gains, Pidf, Unit};
 use windlass_core::engine::snapshot::{Actuation, Sample, Snapshot};
 use windlass_core::engine::throttle_law::{Input, ThrottleGains, ThrottleLaw};
@@ -25,6 +25,8 @@ use windlass_core::time::{Instant, TICK};
 use windlass_firmware::exercise::Exercise;
 
 const TICKS: u32 = 100_000;
+/// A position loop moves and then stands.
+const LOOP_TICKS: u32 = 2000;
 const CALLS: u32 = 1000;
 const NUMBER: u8 = 5;
 
@@ -37,6 +39,32 @@ fn measured_pidf(law: &mut Pidf, gains: &Gains, target: i32, error: i32, unit: U
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn measured_tick(
+    engine: &mut Engine,
+    settings: &Settings,
+    sample: &Sample,
+    command: &Command,
+) -> Actuation {
+    engine.tick(settings, sample, command).actuation
+}
+
+// A section of its own, or the linker would fold it into its twin above.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_loop_tick")]
+#[inline(never)]
+fn measured_loop_tick(
+    engine: &mut Engine,
+    settings: &Settings,
+    sample: &Sample,
+    command: &Command,
+) -> Actuation {
+    engine.tick(settings, sample, command).actuation
+}
+
+// The same.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".text.measured_throttle_loop_tick")]
+#[inline(never)]
+fn measured_throttle_loop_tick(
     engine: &mut Engine,
     settings: &Settings,
     sample: &Sample,
@@ -122,6 +150,8 @@ fn measured_node_idle(node: &mut Node, now: Instant, snapshot: &Snapshot) -> boo
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let snapshot = engine();
+    position_loop(DialectKind::Dmc60c, measured_loop_tick);
+    position_loop(DialectKind::TalonSrx, measured_throttle_loop_tick);
     law();
     throttle();
     dialect(&snapshot);
@@ -146,6 +176,45 @@ fn engine() -> Snapshot {
         );
     }
     *engine.tick(&exercise.settings, &exercise.sample, &exercise.command)
+}
+
+/// A motor that is held at a position: no fault, no pulse, a command every 20 ms, nothing else changes.
+#[inline(never)]
+fn position_loop(
+    kind: DialectKind,
+    tick: impl Fn(&mut Engine, &Settings, &Sample, &Command) -> Actuation,
+) {
+    let policy = kind.policy();
+    let mut settings = compile::settings(&Params::default(), &Board::REFERENCE, &policy);
+    for slot in &mut settings.slots {
+        (slot.gains.p, slot.gains.i, slot.gains.d) = (3 << 16, 1 << 8, 5 << 16);
+    }
+    for slot in &mut settings.throttle_slots {
+        (slot.p, slot.i, slot.d) = (3 << 20, 1 << 10, 5 << 22);
+    }
+    let mut engine = Engine::new();
+    let mut command = Command {
+        setpoint: Setpoint::Position(20_000),
+        ..Command::default()
+    };
+    let mut sample = Sample {
+        current: 2048,
+        bus_voltage: 1365,
+        temperature: 931,
+        ..Sample::default()
+    };
+    let mut actuation = Actuation::Off;
+    for at in 0..LOOP_TICKS {
+        if at % 40 == 0 {
+            command.revision += 1;
+            command.sequence += 1;
+            command.enable.sequence += 1;
+        }
+        // A motor of sorts: a duty cycle is a speed.
+        let speed = i32::from(actuation.duty().units()) >> 11;
+        sample.encoder = sample.encoder.wrapping_add(speed as u32);
+        actuation = tick(&mut engine, &settings, &sample, &command);
+    }
 }
 
 /// The law with every gain, inside and outside its dead band and its accumulator's limit.

@@ -165,9 +165,8 @@ impl Control0 {
 
 /// Two flags `distance` bits apart: forward in bit `at`, reverse above it.
 const fn spread(set: Directions, at: u8, distance: u8) -> u8 {
-    // Forward in bit 0 of the one, reverse in bit `distance` of the other.
-    let bits = set.bits() | set.bits() << (distance - 1);
-    (bits & (1 | 1 << distance)) << at
+    let bits = set.bits();
+    ((bits & 1) | (bits >> 1) << distance) << at
 }
 
 /// What [`spread`] made.

@@ -8,6 +8,7 @@ mod properties;
 mod sensors;
 mod throttle;
 mod throttle_law;
+mod times;
 
 use super::command::*;
 use super::limit::Directions;
