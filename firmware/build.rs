@@ -25,11 +25,12 @@ const SCRIPTS: [&str; 7] = [
 ];
 
 /// The script of each program.
-const PROGRAMS: [(&str, &str); 5] = [
+const PROGRAMS: [(&str, &str); 6] = [
     ("windlass-app", "application.x"),
     ("windlass-boot", "bootloader.x"),
     ("windlass-measure", "alone.x"),
     ("windlass-no-panic", "alone.x"),
+    ("windlass-signatures", "alone.x"),
     ("windlass-trace", "alone.x"),
 ];
 

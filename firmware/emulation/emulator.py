@@ -45,7 +45,7 @@ def free_port() -> int:
 class Emulator:
     """One QEMU process and the client's ends of its two serial lines."""
 
-    def __init__(self, sleep: bool = True, application: bool = True):
+    def __init__(self, sleep: bool = True, application: bool = True, bootloader: str = "WINDLASS_BOOTLOADER"):
         """Without `sleep` the emulator's idle time takes no time, and its clock is exact to the
         instruction instead of near real time. Without `application` the slot is erased."""
         line, pokes = free_port(), free_port()
@@ -53,7 +53,7 @@ class Emulator:
             "-device", f"loader,file={given('WINDLASS_SLOT')},addr={FACTORY:#x},force-raw=on",
         ] if application else []
         self.process = subprocess.Popen([
-            "qemu-system-arm", "-M", "netduinoplus2", "-kernel", given("WINDLASS_BOOTLOADER"),
+            "qemu-system-arm", "-M", "netduinoplus2", "-kernel", given(bootloader),
             *factory,
             "-display", "none", "-monitor", "none",
             "-serial", f"tcp:127.0.0.1:{line},server=on,wait=on,nodelay=on",
@@ -177,9 +177,10 @@ class EmulatorTest(unittest.TestCase):
 
     sleep = True
     application = True
+    bootloader = "WINDLASS_BOOTLOADER"
 
     def setUp(self):
-        self.emulator = Emulator(self.sleep, self.application)
+        self.emulator = Emulator(self.sleep, self.application, self.bootloader)
         self.addCleanup(self.emulator.close)
         self.addCleanup(self.note_stack)
         self.bus = self.emulator.bus

@@ -26,6 +26,15 @@ pub(crate) struct Board {
     pub(crate) handlers: &'static [&'static [&'static str]],
     /// The chip's name for probe-rs; none for an emulated board.
     pub(crate) probe_chip: Option<&'static str>,
+    /// True if its bootloader is to check signatures.
+    pub(crate) signed: bool,
+}
+
+impl Board {
+    /// The board with a bootloader that checks signatures, or with one that does not.
+    pub(crate) const fn with_signatures(self, signed: bool) -> Self {
+        Self { signed, ..self }
+    }
 }
 
 /// Every board.
@@ -37,6 +46,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         map: DEFAULT_MAP,
         handlers: &[&["CAN1_RX0", "CAN1_TX"], &["TIM2"], &["TIM7"], &["PVD"]],
         probe_chip: Some("STM32F405RGTx"),
+        signed: false,
     },
     Board {
         name: "b-g431b-esc1",
@@ -51,6 +61,7 @@ pub(crate) const BOARDS: [Board; 4] = [
             &["NonMaskableInt"],
         ],
         probe_chip: Some("STM32G431CBUx"),
+        signed: false,
     },
     Board {
         name: "nucleo-g474re",
@@ -65,6 +76,7 @@ pub(crate) const BOARDS: [Board; 4] = [
             &["NonMaskableInt"],
         ],
         probe_chip: Some("STM32G474RETx"),
+        signed: false,
     },
     Board {
         name: "qemu",
@@ -73,6 +85,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         map: "firmware/memory/qemu.x",
         handlers: &[&["PendSV"], &["USART1", "USART2"], &["SysTick"]],
         probe_chip: None,
+        signed: false,
     },
 ];
 

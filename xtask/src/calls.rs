@@ -12,6 +12,13 @@ use crate::error::Error;
 /// Stack that a function is taken to need if the compiler does not say: assembly of the runtime.
 const UNKNOWN_FRAME: u64 = 64;
 
+/// Frames of assembly that comes without: of `salty` 0.3, by its first two instructions.
+const ASSEMBLY_FRAMES: [(&str, u64); 3] = [
+    ("fe25519_add_asm", 16),
+    ("fe25519_mul_asm", 84),
+    ("fe25519_square_asm", 64),
+];
+
 /// One function.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Function {
@@ -19,9 +26,10 @@ pub(crate) struct Function {
     end: u32,
     /// Bytes of its own frame.
     frame: Option<u64>,
-    /// Functions that it calls or jumps to.
+    /// Functions that it calls or jumps to, and those whose address it loads: the compiler calls through a register
+    /// what it calls several times.
     callees: BTreeSet<u32>,
-    /// It calls through a register.
+    /// It calls through a register, and loads the address of no function.
     indirect: bool,
 }
 
@@ -86,6 +94,11 @@ impl CallGraph {
                 function.frame = Some(size);
             }
         }
+        for function in graph.functions.values_mut() {
+            let assembly = |(name, _): &&(&str, u64)| *name == function.name;
+            let noted = ASSEMBLY_FRAMES.iter().find(assembly);
+            function.frame = function.frame.or(noted.map(|(_, frame)| *frame));
+        }
         let (start, code) = section(".text")?;
         graph.add_calls(start, &code, &marks);
         Ok(graph)
@@ -104,6 +117,8 @@ impl CallGraph {
         };
         for (entry, function) in &mut self.functions {
             let mut at = *entry;
+            let mut loads = Loads::default();
+            let mut loaded = BTreeSet::new();
             while at < function.end && at >= start {
                 let is_code = marks.range(..=at).next_back().is_none_or(|(_, code)| *code);
                 let Some(first) = half(at).filter(|_| is_code) else {
@@ -112,6 +127,18 @@ impl CallGraph {
                 };
                 let second = half(at + 2).unwrap_or(0);
                 let wide = first >> 11 >= 0b11101;
+                let value = loads.follow(at, first, second, |literal| {
+                    let low = half(literal).filter(|_| literal >= start)?;
+                    Some(u32::from(half(literal + 2)?) << 16 | u32::from(low))
+                });
+                // The address of a function has the Thumb bit.
+                loaded.extend(
+                    value
+                        .filter(|value| {
+                            value & 1 == 1 && starts.binary_search(&(value & !1)).is_ok()
+                        })
+                        .map(|value| value & !1),
+                );
                 match decode(at, first, second) {
                     Some(Branch::To(target)) if !(*entry..function.end).contains(&target) => {
                         function.callees.extend(containing(target));
@@ -121,6 +148,8 @@ impl CallGraph {
                 }
                 at += if wide { 4 } else { 2 };
             }
+            function.indirect &= loaded.is_empty();
+            function.callees.extend(loaded);
         }
     }
 
@@ -208,6 +237,43 @@ fn stack_sizes(mut bytes: &[u8]) -> Vec<(u32, u64)> {
     found
 }
 
+/// Constants that a function loads into registers, in the order of its instructions.
+#[derive(Debug, Default)]
+struct Loads {
+    /// Lower halves by register.
+    low: [u32; 16],
+}
+
+impl Loads {
+    /// The 32-bit constant that this instruction completes (ARMv7-M Architecture Reference Manual, A7.7.43, A7.7.76,
+    /// A7.7.79). `literal` reads a word that stands in the code.
+    fn follow(
+        &mut self,
+        at: u32,
+        first: u16,
+        second: u16,
+        literal: impl Fn(u32) -> Option<u32>,
+    ) -> Option<u32> {
+        let (one, two) = (u32::from(first), u32::from(second));
+        let base = (at + 4) & !3;
+        let half = (one & 0xF) << 12 | (one >> 10 & 1) << 11 | (two >> 12 & 7) << 8 | two & 0xFF;
+        let low = &mut self.low[(two >> 8 & 0xF) as usize];
+        match one {
+            // LDR Rt, [PC, #]: short, forwards and backwards.
+            _ if one & 0xF800 == 0x4800 => literal(base + (one & 0xFF) * 4),
+            0xF8DF => literal(base + (two & 0xFFF)),
+            0xF85F => literal(base - (two & 0xFFF)),
+            // MOVW, then MOVT.
+            _ if one & 0xFBF0 == 0xF240 && two & 0x8000 == 0 => {
+                *low = half;
+                None
+            }
+            _ if one & 0xFBF0 == 0xF2C0 && two & 0x8000 == 0 => Some(half << 16 | *low),
+            _ => None,
+        }
+    }
+}
+
 /// Where an instruction may go, apart from the next one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Branch {
@@ -276,6 +342,27 @@ mod tests {
         for ((first, second), expected) in table {
             assert_eq!(
                 decode(0x100, first, second),
+                expected,
+                "{first:#x} {second:#x}"
+            );
+        }
+    }
+
+    #[test]
+    fn loaded_constants_are_followed_as_the_assembler_made_them() {
+        // Assembled with arm-none-eabi-as at address 0x102.
+        let table = [
+            ((0x4D02, 0), Some(0x10C)),            // ldr r5, [pc, #8]
+            ((0xF8DF, 0x8008), Some(0x10C)),       // ldr.w r8, [pc, #8]
+            ((0xF85F, 0x8004), Some(0x100)),       // ldr.w r8, [pc, #-4]
+            ((0xF240, 0x2501), None),              // movw r5, #0x201
+            ((0xF6C0, 0x0502), Some(0x0802_0201)), // movt r5, #0x802
+            ((0x47A8, 0), None),                   // blx r5
+        ];
+        let mut loads = Loads::default();
+        for ((first, second), expected) in table {
+            assert_eq!(
+                loads.follow(0x102, first, second, Some),
                 expected,
                 "{first:#x} {second:#x}"
             );

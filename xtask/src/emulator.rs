@@ -76,6 +76,7 @@ pub(crate) fn test_image(
     names: &[String],
 ) -> Result<Figures, Error> {
     require()?;
+    let signed = build(toolchain, &board.with_signatures(true), BOOTLOADER)?;
     let bootloader = build(toolchain, board, BOOTLOADER)?;
     let files = Files::write(image.path(), image, &Image::read(&bootloader)?, board)?;
     let python = env::var("WINDLASS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
@@ -97,6 +98,7 @@ pub(crate) fn test_image(
         .current_dir(crate::root().join("firmware/emulation"))
         .env("WINDLASS_IMAGE", image.path())
         .env("WINDLASS_BOOTLOADER", bootloader)
+        .env("WINDLASS_SIGNED_BOOTLOADER", signed)
         .env("WINDLASS_SLOT", files.slot)
         .env("WINDLASS_BINARY", files.binary)
         .env("WINDLASS_COMMAND", host_command()?)
@@ -105,7 +107,12 @@ pub(crate) fn test_image(
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(["-m", "unittest", "-v"]);
     if names.is_empty() {
-        tests.args(["test_firmware", "test_bootloader", "test_host"]);
+        tests.args([
+            "test_firmware",
+            "test_bootloader",
+            "test_host",
+            "test_signed",
+        ]);
     } else {
         tests.args(names);
     }

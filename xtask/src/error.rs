@@ -79,6 +79,20 @@ pub(crate) enum Error {
          bit-exact; look for floats, usize arithmetic or undefined order in core/src/engine"
     )]
     Differs,
+    /// A bootloader that checks signatures is too large.
+    #[error(
+        "the bootloader that checks signatures does not fit `{board}`: it takes {what}. Build without --signed (the \
+         controller then installs no key and accepts any image for its product and hardware), or take a board with \
+         a larger region: {others}"
+    )]
+    NoRoomForSignatures {
+        /// The board.
+        board: &'static str,
+        /// Which region, with the sizes.
+        what: String,
+        /// Boards that have room.
+        others: String,
+    },
     /// An image is too large.
     #[error(
         "the image does not fit its region: {what}; make it smaller or choose another board \

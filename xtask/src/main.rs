@@ -33,12 +33,18 @@ enum Command {
         /// Board to build for
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
+        /// The bootloader checks signatures, once a key is installed
+        #[arg(long)]
+        signed: bool,
     },
     /// Builds bootloader and application of one board and flashes both with probe-rs
     Flash {
         /// Board to build for
         #[arg(long, default_value = board::DEFAULT)]
         board: String,
+        /// The bootloader checks signatures, once a key is installed
+        #[arg(long)]
+        signed: bool,
     },
     /// Counts the instructions of the core's hot paths in QEMU, and the jitter of the tick under a flood of frames
     Measure,
@@ -51,6 +57,9 @@ enum Command {
         /// Board to look at; all by default
         #[arg(long)]
         board: Option<String>,
+        /// With bootloaders that check signatures; without a board, of all boards that have room for one
+        #[arg(long)]
+        signed: bool,
     },
     /// Decodes the log of an image: raw frames on standard input become lines
     Log {
@@ -66,12 +75,12 @@ enum Command {
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
-        Command::Firmware { board } => firmware::run(&board).map(|_| ()),
-        Command::Flash { board } => firmware::flash(&board),
+        Command::Firmware { board, signed } => firmware::run(&board, signed).map(|_| ()),
+        Command::Flash { board, signed } => firmware::flash(&board, signed),
         Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
-        Command::Stack { board } => stack::run(board.as_deref()),
+        Command::Stack { board, signed } => stack::run(board.as_deref(), signed),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),
     };

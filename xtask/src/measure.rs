@@ -7,7 +7,7 @@ use std::process::Command;
 use crate::board;
 use crate::emulator::{self, QEMU};
 use crate::error::Error;
-use crate::firmware::{APPLICATION, build, checked};
+use crate::firmware::{APPLICATION, SIGNATURES, build, checked, profile};
 use crate::image::Image;
 use crate::toolchain::Toolchain;
 
@@ -24,6 +24,22 @@ struct Subject {
     budget: Option<(u64, u64)>,
     yardstick: &'static str,
 }
+
+/// What the bootloader does when it commits a signed image.
+const SIGNATURE_SUBJECTS: [Subject; 2] = [
+    Subject {
+        symbol: "measured_signature",
+        about: "one signature",
+        budget: None,
+        yardstick: "",
+    },
+    Subject {
+        symbol: "measured_digest",
+        about: "digest of 31 pages",
+        budget: None,
+        yardstick: "",
+    },
+];
 
 const SUBJECTS: [Subject; 14] = [
     Subject {
@@ -126,12 +142,24 @@ struct Count {
 pub(crate) fn run() -> Result<(), Error> {
     emulator::require()?;
     let toolchain = Toolchain::find()?;
-    let elf = build(&toolchain, &board::find("qemu")?, PROGRAM)?;
-    let image = Image::read(&elf)?;
     let plugin = build_plugin()?;
+    count(&toolchain, &plugin, PROGRAM, &SUBJECTS)?;
+    count(&toolchain, &plugin, SIGNATURES, &SIGNATURE_SUBJECTS)?;
+    jitter(&toolchain)
+}
+
+/// Builds a program, counts the instructions of its subjects and prints them.
+fn count(
+    toolchain: &Toolchain,
+    plugin: &Path,
+    program: &str,
+    subjects: &[Subject],
+) -> Result<(), Error> {
+    let elf = build(toolchain, &board::find("qemu")?, program)?;
+    let image = Image::read(&elf)?;
     let counts = plugin.with_extension("txt");
     let mut argument = format!("{},out={}", plugin.display(), counts.display());
-    for subject in &SUBJECTS {
+    for subject in subjects {
         let address = image.symbol(subject.symbol)?;
         argument.push_str(&format!(",watch={}:{address:#x}", subject.symbol));
     }
@@ -143,12 +171,15 @@ pub(crate) fn run() -> Result<(), Error> {
         cause,
     })?;
     let counts: Vec<Count> = text.lines().filter_map(parse).collect();
-    println!("instructions on a Cortex-M4, profile `firmware`, {toolchain}\n");
+    println!(
+        "\ninstructions on a Cortex-M4, profile `{}`, {toolchain}\n",
+        profile(program)
+    );
     println!(
         "{:<38} {:>7} {:>5} {:>8} {:>5}  budget",
         "", "calls", "least", "mean", "most"
     );
-    for subject in &SUBJECTS {
+    for subject in subjects {
         let count = counts.iter().find(|count| count.name == subject.symbol);
         let Some(count) = count.filter(|count| count.calls > 0) else {
             return Err(Error::Image {
@@ -158,7 +189,7 @@ pub(crate) fn run() -> Result<(), Error> {
         };
         println!("{}", line(subject, count));
     }
-    jitter(&toolchain)
+    Ok(())
 }
 
 /// Prints how punctual the tick of the whole firmware is while frames come without end.

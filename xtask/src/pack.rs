@@ -60,7 +60,11 @@ impl Files {
         let files = Self {
             binary: elf.with_extension("bin"),
             hex: elf.with_extension("hex"),
-            whole: elf.with_file_name(format!("windlass-{}.hex", board.name)),
+            whole: elf.with_file_name(format!(
+                "windlass-{}{}.hex",
+                board.name,
+                if board.signed { "-signed" } else { "" }
+            )),
             slot: elf.with_file_name("windlass-slot.bin"),
         };
         write(&files.binary, &pages)?;

@@ -66,7 +66,7 @@ impl Bound {
     /// An error if the stack does not suffice, or if it and the `ram` bytes of static RAM of the bootloader of a real board
     /// go beyond its budget.
     pub(crate) fn check(&self, ram: u64, board: &Board, part: Part) -> Result<(), Error> {
-        let (_, budget) = part.budget();
+        let (_, budget) = part.budget(board.signed);
         let is_limited = part == Part::Bootloader && board.budgeted;
         let (what, bytes, room) = if self.total > self.region {
             ("stack", self.total, self.region)
@@ -82,21 +82,34 @@ impl Bound {
 }
 
 /// Prints the static figures of a board's programs, and what was seen of the emulated one; more than the region is an
-/// error. Without a name, of all boards.
-pub(crate) fn run(name: Option<&str>) -> Result<(), Error> {
+/// error. Without a name, of all boards; `signed`: of all whose bootloader has room to check signatures.
+pub(crate) fn run(name: Option<&str>, signed: bool) -> Result<(), Error> {
     let toolchain = Toolchain::find()?;
     let boards = match name {
         Some(name) => vec![board::find(name)?],
         None => board::BOARDS.to_vec(),
     };
     for board in boards {
+        let board = board.with_signatures(signed);
         for (program, part) in [
             (BOOTLOADER, Part::Bootloader),
             (APPLICATION, Part::Application),
         ] {
-            let image = Image::read(&build(&toolchain, &board, program)?)?;
+            let elf = match build(&toolchain, &board, program) {
+                Err(error @ Error::NoRoomForSignatures { .. }) if name.is_none() => {
+                    println!("{error}");
+                    break;
+                }
+                built => built?,
+            };
+            let image = Image::read(&elf)?;
             let bound = Bound::of(&image, &board, part)?;
-            println!("{} {program}", board.name);
+            let checks = if signed && part == Part::Bootloader {
+                ", which checks signatures"
+            } else {
+                ""
+            };
+            println!("{} {program}{checks}", board.name);
             for (level, depth) in &bound.levels {
                 show(level, depth);
             }
@@ -152,7 +165,7 @@ mod tests {
 
     #[test]
     fn static_ram_and_stack_of_a_bootloader_beyond_6_kib_fail_the_build() {
-        let judge = |name, part, ram, total| {
+        let judge_with = |signed, name, part, ram, total| {
             let levels = Vec::new();
             let region = 12 * 1024;
             let bound = Bound {
@@ -160,10 +173,27 @@ mod tests {
                 total,
                 region,
             };
-            bound.check(ram, &board::find(name).unwrap(), part).is_ok()
+            let board = board::find(name).unwrap().with_signatures(signed);
+            bound.check(ram, &board, part).is_ok()
         };
+        let judge = |name, part, ram, total| judge_with(false, name, part, ram, total);
         assert!(judge(board::DEFAULT, Part::Bootloader, 4148, 1996));
         assert!(!judge(board::DEFAULT, Part::Bootloader, 4148, 1997));
+        // One that checks signatures may take 9.
+        assert!(judge_with(
+            true,
+            board::DEFAULT,
+            Part::Bootloader,
+            4148,
+            5068
+        ));
+        assert!(!judge_with(
+            true,
+            board::DEFAULT,
+            Part::Bootloader,
+            4148,
+            5069
+        ));
         // An application's stack is beside its static RAM, and the emulated board holds a serial line's buffers.
         assert!(judge(board::DEFAULT, Part::Application, 7300, 12 * 1024));
         assert!(judge(board::EMULATED, Part::Bootloader, 4148, 1997));

@@ -3,6 +3,8 @@
 //!
 //! See docs/updates.md for what is guaranteed and docs/image-format.md for every byte.
 
+#[cfg(feature = "signed")]
+pub mod ed25519;
 pub mod image;
 pub mod loader;
 pub mod slots;

@@ -100,36 +100,36 @@ pub(super) fn is_trusted<F: NorFlash>(slot: &mut Slot<F>, header: &Header, trust
 #[cfg(feature = "signed")]
 mod signature {
     use embedded_storage::nor_flash::NorFlash;
-    use salty::{PublicKey, Sha512, Signature};
 
     use super::Key;
-    use crate::boot::image::{Header, SIGNATURE_LENGTH, signed_message, verify};
+    pub(super) use crate::boot::ed25519::is_key;
+    use crate::boot::ed25519::{Digest, Sha512, verify as is_signature};
+    use crate::boot::image::{Header, signed_message, verify};
     use crate::boot::slots::Slot;
 
-    /// True if `key` has signed the image in the slot.
+    /// True if `key` has signed the image in the slot. Neither inlined nor one with [`digest`]: hash and points of the
+    /// curve need not be on the stack together.
+    #[inline(never)]
     pub(super) fn covers<F: NorFlash>(slot: &mut Slot<F>, header: &Header, key: &Key) -> bool {
-        let Some(signature) = slot.signature() else {
+        let (Some(signature), Some(digest)) = (slot.signature(), digest(slot, header)) else {
             return false;
         };
+        is_signature(key, &signed_message(header, &digest), &signature)
+    }
+
+    /// The digest of the image in the slot, if it is whole.
+    #[inline(never)]
+    fn digest<F: NorFlash>(slot: &mut Slot<F>, header: &Header) -> Option<[u8; 64]> {
         let mut hash = Sha512::new();
-        if verify(slot, |bytes| hash.update(bytes)) != Ok(*header) {
-            return false;
-        }
-        is_by(key, &signed_message(header, &hash.finalize()), &signature)
+        let is_whole = verify(slot, |bytes| hash.update(bytes)) == Ok(*header);
+        is_whole.then(|| hash.finalize().into())
     }
 
     /// True if `key` has made the signature of the message.
     pub(super) fn is_by(key: &Key, message: &[u8], signature: &[u8]) -> bool {
-        let Ok(signature) = <&[u8; SIGNATURE_LENGTH]>::try_from(signature) else {
-            return false;
-        };
-        PublicKey::try_from(key)
-            .is_ok_and(|key| key.verify(message, &Signature::from(signature)).is_ok())
-    }
-
-    /// True if the bytes are a public key at all: a controller with another one accepts nothing any more.
-    pub(super) fn is_key(key: &Key) -> bool {
-        PublicKey::try_from(key).is_ok()
+        signature
+            .try_into()
+            .is_ok_and(|signature| is_signature(key, message, signature))
     }
 }
 

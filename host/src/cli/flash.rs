@@ -194,6 +194,7 @@ impl From<FlashError> for Failure {
             | FlashError::PageRefused { .. }
             | FlashError::NotStored(_)
             | FlashError::NoFallback(_)
+            | FlashError::NoSignatures(_)
             | FlashError::NotStarted { .. }
             | FlashError::WrongVersion { .. } => Kind::Refused,
             FlashError::Lost { .. } => Kind::NoAnswer,

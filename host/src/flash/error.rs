@@ -73,6 +73,11 @@ pub enum FlashError {
     /// There is nothing to put back.
     #[error("device {0} has no fallback image")]
     NoFallback(Address),
+    /// Its bootloader takes no keys.
+    #[error(
+        "the bootloader of device {0} checks no signatures and takes no key; nothing was changed"
+    )]
+    NoSignatures(Address),
     /// The device has restarted and its bootloader runs.
     #[error("device {address} did not start the new application: {}", reason_text(*.reason))]
     NotStarted {
@@ -174,6 +179,9 @@ impl FlashError {
             Self::PageRefused { code, .. } => refusal_advice(*code).to_owned(),
             Self::NotStored(_) => {
                 "run the command again with --force; if it stays, replace the device".to_owned()
+            }
+            Self::NoSignatures(_) => {
+                "give it a bootloader that does, with a debug probe: `cargo xtask flash --signed`".to_owned()
             }
             Self::NoFallback(_) => "flash an older file instead: windlass flash FILE DEVICE".to_owned(),
             Self::NotStarted { .. } => {

@@ -109,7 +109,12 @@ impl<'a, B: Bus> Session<'a, B> {
         self.look()?;
         self.enter()?;
         let installed = self.client.install_key(self.address, order);
-        self.unless_unchanged(installed.map_err(FlashError::from))?;
+        self.unless_unchanged(installed.map_err(|error| match error {
+            client::Error::Refused { code, .. } if code == CommandCode::NotSupported.name() => {
+                FlashError::NoSignatures(self.address)
+            }
+            other => other.into(),
+        }))?;
         self.leave();
         Ok(())
     }

@@ -331,6 +331,19 @@ fn a_key_is_installed_and_signs_its_successor() {
 }
 
 #[test]
+fn a_bootloader_that_takes_no_keys_is_told_from_one_that_refuses_this_one() {
+    let mut bench = Bench::new(Device::new(5, 0x1234));
+    bench.device().checks_signatures = false;
+    let device = bench.client.find(&"5".parse().unwrap()).unwrap();
+    let error =
+        windlass::flash::install_key(&mut bench.client, &device, &[1; 32], &mut bench.watch)
+            .unwrap_err();
+    assert!(matches!(error, FlashError::NoSignatures(_)), "{error}");
+    assert!(error.next_step().contains("--signed"));
+    assert!(!bench.device().in_bootloader);
+}
+
+#[test]
 fn success_is_not_told_unless_the_new_version_answers() {
     let mut bench = Bench::new(Device::new(5, 0x1234));
     bench.device().is_broken = true;
