@@ -65,14 +65,20 @@ impl Words {
 
     #[inline(never)]
     fn put(&self, [a, b, c]: [u32; 3]) {
-        for (word, value) in self.0.iter().zip([a, b, c, checksum(a, b, c)]) {
-            word.store(value, Ordering::Relaxed);
-        }
+        // One by one: a loop over them takes twice the code.
+        let [first, second, third, sum] = &self.0;
+        first.store(a, Ordering::Relaxed);
+        second.store(b, Ordering::Relaxed);
+        third.store(c, Ordering::Relaxed);
+        sum.store(checksum(a, b, c), Ordering::Relaxed);
     }
 
     fn get(&self) -> Option<[u32; 3]> {
-        let [a, b, c, sum] = self.0.each_ref().map(|word| word.load(Ordering::Relaxed));
-        (sum == checksum(a, b, c)).then_some([a, b, c])
+        let [first, second, third, sum] = &self.0;
+        let a = first.load(Ordering::Relaxed);
+        let b = second.load(Ordering::Relaxed);
+        let c = third.load(Ordering::Relaxed);
+        (sum.load(Ordering::Relaxed) == checksum(a, b, c)).then_some([a, b, c])
     }
 
     /// The words, once.

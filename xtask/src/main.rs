@@ -10,6 +10,7 @@ mod log;
 mod measure;
 mod pack;
 mod panics;
+mod sources;
 mod stack;
 mod toolchain;
 mod trace;
@@ -61,6 +62,12 @@ enum Command {
         #[arg(long)]
         signed: bool,
     },
+    /// Prints which part of the sources the machine code of a board's bootloader comes from
+    Sources {
+        /// Board to build for
+        #[arg(long, default_value = board::DEFAULT)]
+        board: String,
+    },
     /// Decodes the log of an image: raw frames on standard input become lines
     Log {
         /// The linked file that is running
@@ -80,6 +87,7 @@ fn main() -> ExitCode {
         Command::Log { elf } => log::run(&elf),
         Command::Measure => measure::run(),
         Command::NoPanic => panics::run(),
+        Command::Sources { board } => sources::run(&board),
         Command::Stack { board, signed } => stack::run(board.as_deref(), signed),
         Command::Trace => trace::run(),
         Command::QemuTest { names } => emulator::test(&names),

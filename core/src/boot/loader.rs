@@ -84,11 +84,11 @@ impl<A: NorFlash, F: NorFlash, J: NorFlash> Memory<'_, A, F, J> {
 
     fn key(&mut self) -> Option<[u8; KEY_LENGTH]> {
         let mut key = [0; KEY_LENGTH];
-        match self.read(Key::SIGNING_KEY, &mut key)? {
-            KEY_LENGTH.. => Some(key),
+        if self.read(Key::SIGNING_KEY, &mut key)? < KEY_LENGTH {
             // A key of another length can sign nothing, and that is what it shall do.
-            _ => Some([0; KEY_LENGTH]),
+            key = [0; KEY_LENGTH];
         }
+        Some(key)
     }
 }
 

@@ -106,14 +106,15 @@ impl<P: BorrowMut<Page>> Updater<P> {
 
     /// Takes data of a transfer; what is beyond its end is dropped.
     pub fn take(&mut self, offset: usize, bytes: &[u8]) {
-        let places = self
-            .page
-            .borrow_mut()
-            .iter_mut()
-            .chain(&mut self.crc)
-            .skip(offset);
-        for (place, byte) in places.zip(bytes) {
-            *place = *byte;
+        let page = self.page.borrow_mut();
+        for (at, byte) in (offset..).zip(bytes) {
+            let place = match at.checked_sub(PAGE_SIZE) {
+                None => page.get_mut(at),
+                Some(at) => self.crc.get_mut(at),
+            };
+            if let Some(place) = place {
+                *place = *byte;
+            }
         }
     }
 

@@ -34,6 +34,12 @@ pub struct Slot<F> {
     room: u32,
 }
 
+/// Bytes of so many pages. Not inlined: the processor counts no bits.
+#[inline(never)]
+const fn bytes_of(pages: u32) -> u32 {
+    pages.count_ones() * PAGE_SIZE as u32
+}
+
 impl<F: NorFlash> Slot<F> {
     const SOUND: () = assert!(
         F::WRITE_SIZE <= LARGEST_UNIT
@@ -71,11 +77,11 @@ impl<F: NorFlash> Slot<F> {
             return Err(SlotError::NoRoom);
         }
         let before = self.room & !(u32::MAX << page);
-        Ok(before.count_ones() * PAGE_SIZE as u32)
+        Ok(bytes_of(before))
     }
 
     fn trailer(&self) -> u32 {
-        self.room.count_ones() * PAGE_SIZE as u32
+        bytes_of(self.room)
     }
 
     /// Erases the trailer, and with it every page if the slot is one erase unit.

@@ -87,6 +87,8 @@ mod kind {
 }
 
 impl Record {
+    // Inlined: where the kind is known, which is everywhere, it comes down to three words.
+    #[inline(always)]
     pub(super) const fn words(self) -> Words {
         let (kind, argument, first, second) = match self {
             Self::Stored { page, crc } => (kind::STORED, page, crc, 0),
@@ -339,6 +341,7 @@ impl<F: NorFlash> Slot<F> {
     }
 
     /// Appends a record and takes it over into `log`, which must be this trailer's present one.
+    #[inline(always)]
     pub(crate) fn append(&mut self, log: &mut Log, record: Record) -> Result<(), SlotError> {
         self.append_words(log, record.words())
     }
@@ -365,6 +368,7 @@ impl<F: NorFlash> Slot<F> {
     }
 
     /// Appends a record that a decision depends on, twice.
+    #[inline(always)]
     pub(crate) fn append_twice(&mut self, log: &mut Log, record: Record) -> Result<(), SlotError> {
         self.append_words_twice(log, record.words())
     }

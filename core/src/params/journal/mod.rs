@@ -133,7 +133,7 @@ impl Journal {
         let generation = newest.map_or(0, |set| set.generation);
         Self {
             newest,
-            active: Place::read(flash, unit, generation, |_| end),
+            active: Place::look(flash, unit, generation, Some(end)),
             next: Place::after(flash, unit, generation),
         }
     }
@@ -161,16 +161,15 @@ impl Journal {
 
     /// The value of one entry.
     pub fn get<F: NorFlash>(&self, flash: &mut F, key: Key) -> Option<Value> {
-        let mut value = Value::new();
-        value.resize(VALUE_CAPACITY, 0).ok()?;
-        let length = self.read(flash, key, &mut value)?;
-        value.truncate(length);
-        Some(value)
+        self.entries(flash)
+            .find(|entry| entry.key == key)
+            .map(|entry| entry.value)
     }
 
     /// Reads the value of one entry as far as `value` has room for it, and gives the length that is stored, at most
     /// [`VALUE_CAPACITY`]. What lies beyond the length is left alone.
-    // Not inlined: a bootloader reads each entry that it knows.
+    // For a bootloader, which reads the few entries that it knows: `get` takes more stack and code, but shares them with
+    // `entries`. Not inlined, because there are several callers.
     #[inline(never)]
     pub fn read<F: NorFlash>(&self, flash: &mut F, key: Key, value: &mut [u8]) -> Option<usize> {
         let mut walk = Walk::new(self.readable()?);
@@ -349,24 +348,21 @@ impl Place {
         self.limit::<F>().saturating_sub(self.end)
     }
 
-    /// What can be appended to a unit as part of `generation`.
+    /// What can be appended to a unit as part of `generation`; its sets end at `end`, if that is known already.
     ///
     /// Only a unit whose header is whole is known to be erased where it reads so. The header's first cell
     /// alone tells that sets of this generation may have been begun.
-    fn read<F: NorFlash>(
-        flash: &mut F,
-        unit: u32,
-        generation: u32,
-        end: impl FnOnce(&mut F) -> u32,
-    ) -> Self {
+    #[inline(never)]
+    fn look<F: NorFlash>(flash: &mut F, unit: u32, generation: u32, end: Option<u32>) -> Self {
+        let limit = unit + F::ERASE_SIZE as u32;
         let mut place = Self {
             unit,
             generation,
-            end: unit + F::ERASE_SIZE as u32,
+            end: limit,
             touched: false,
         };
         if read_cell(flash, unit) == Some(generation_cell(generation)) {
-            let end = end(flash);
+            let end = end.unwrap_or_else(|| Contents::read(flash, unit, limit).end);
             place.touched = end > unit + UNIT_HEADER;
             if read_cell(flash, unit + CELL) == Some(SEAL) {
                 place.end = end;
@@ -375,20 +371,12 @@ impl Place {
         place
     }
 
-    /// The same for a unit that nothing is known of.
-    fn look<F: NorFlash>(flash: &mut F, unit: u32, generation: u32) -> Self {
-        let limit = unit + F::ERASE_SIZE as u32;
-        Self::read(flash, unit, generation, |flash| {
-            Contents::read(flash, unit, limit).end
-        })
-    }
-
     /// The place after a unit in the ring.
     fn after<F: NorFlash>(flash: &mut F, unit: u32, generation: u32) -> Self {
         let following = unit + F::ERASE_SIZE as u32;
         let fits = following + F::ERASE_SIZE as u32 <= flash.capacity() as u32;
         let generation = generation.wrapping_add(1);
-        Self::look(flash, if fits { following } else { 0 }, generation)
+        Self::look(flash, if fits { following } else { 0 }, generation, None)
     }
 
     /// Erases the unit and writes its header, the seal last: it is only there if the erase is complete.
@@ -399,7 +387,7 @@ impl Place {
         flash.write(self.unit, &generation_cell(self.generation))?;
         flash.write(self.unit + CELL, &SEAL)?;
         // A unit that did not become erased is left alone until it is erased again.
-        *self = Self::look(flash, self.unit, self.generation);
+        *self = Self::look(flash, self.unit, self.generation, None);
         if self.touched {
             self.end = limit;
         }
