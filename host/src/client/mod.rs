@@ -30,6 +30,7 @@ pub use error::{Error, ValueError};
 pub use parameter::{Value, find_parameter};
 pub use selector::{Selector, SelectorError};
 pub use status::{ClosedLoopError, Live, Status};
+pub use update::Late;
 pub use vendor::PinTestResult;
 
 pub(crate) use device::product_name;

@@ -18,6 +18,17 @@ const RESTORE_TIME: Duration = Duration::from_secs(15);
 /// Time for writing a key.
 const KEY_TIME: Duration = Duration::from_secs(2);
 
+/// What has become of a page that was not answered in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Late {
+    /// The device has answered it now, with this code.
+    Answered(u16),
+    /// The device answers, but has nothing to say about the page: it has not arrived whole, or its answer was lost.
+    Unanswered,
+    /// The device answers nothing.
+    Silent,
+}
+
 impl<B: Bus> Client<B> {
     /// Sends one page to the bootloader, which checks its CRC and programs it: one attempt. Gives the
     /// device's result code, or nothing if it did not answer within `patience`.
@@ -42,6 +53,29 @@ impl<B: Bus> Client<B> {
         };
         let reply = self.attempt(address, &exchange)?;
         Ok(reply.map(|reply| reply.code))
+    }
+
+    /// What a page that was not answered in time has come to. A device does one thing after the other, so that a late
+    /// answer comes before that to another question; each is waited for as long as `patience`.
+    ///
+    /// # Errors
+    /// The bus failed.
+    pub fn catch_up(&mut self, address: Address, patience: Duration) -> Result<Late, BusError> {
+        let exchange = Exchange {
+            patience,
+            ..Exchange::plain(Command::GetBootStatus, address.number)
+        };
+        self.post(address, &exchange)?;
+        let mut late = Late::Unanswered;
+        while let Some(reply) = self.answer(address, &exchange)? {
+            let is_of_page =
+                reply.data.is_empty() && reply.code != CommandCode::NotSupported as u16;
+            if !is_of_page {
+                return Ok(late);
+            }
+            late = Late::Answered(reply.code);
+        }
+        Ok(Late::Silent)
     }
 
     /// Reads the CRC of every page, as the page transfer has it; `None` if the device does not know the

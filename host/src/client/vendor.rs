@@ -308,6 +308,16 @@ impl<B: Bus> Client<B> {
         address: Address,
         exchange: &Exchange<'_>,
     ) -> Result<Option<Reply>, BusError> {
+        self.post(address, exchange)?;
+        self.answer(address, exchange)
+    }
+
+    /// Sends a command.
+    pub(super) fn post(
+        &mut self,
+        address: Address,
+        exchange: &Exchange<'_>,
+    ) -> Result<(), BusError> {
         let command = VendorCommand {
             session: address.session,
             command: exchange.command.code(),
@@ -320,7 +330,15 @@ impl<B: Bus> Client<B> {
             .chain(data)
             .map(|frame| address.frame(&frame))
             .collect();
-        self.send_all(&frames)?;
+        self.send_all(&frames)
+    }
+
+    /// Waits for the next answer of a device.
+    pub(super) fn answer(
+        &mut self,
+        address: Address,
+        exchange: &Exchange<'_>,
+    ) -> Result<Option<Reply>, BusError> {
         let wait = self.answer_timeout.max(exchange.patience);
         let numbers = [exchange.answers_as, address.number];
         let answer = self.wait_for(wait, |frame| {

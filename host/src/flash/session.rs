@@ -43,6 +43,8 @@ pub(super) struct Session<'a, B: Bus> {
     /// Pages of the image.
     pub(super) of: usize,
     pub(super) sent: usize,
+    /// How many times longer than usual a page's answer is waited for.
+    pub(super) slowness: u32,
     started: Duration,
 }
 
@@ -68,6 +70,7 @@ impl<'a, B: Bus> Session<'a, B> {
             stored: 0,
             of: 0,
             sent: 0,
+            slowness: 1,
             started,
         }
     }

@@ -9,6 +9,7 @@ use windlass_core::management::vendor::CommandCode;
 
 use super::session::Session;
 use super::{FlashError, Phase};
+use crate::client::Late;
 use crate::image::Image;
 use crate::transport::Bus;
 
@@ -17,6 +18,9 @@ use crate::transport::Bus;
 const ERASE_TIME: Duration = Duration::from_secs(6);
 /// Time for any other page, on the bus and in the flash.
 const PAGE_TIME: Duration = Duration::from_secs(2);
+/// How many times longer than that a device may take which has been seen to answer late, a busy emulator or a link
+/// that buffers.
+const SLOWEST: u32 = 8;
 /// Attempts at a page before the device counts as lost.
 const PAGE_ATTEMPTS: u32 = 5;
 /// Times that missing pages are asked for and sent again.
@@ -107,22 +111,15 @@ impl<B: Bus> Session<'_, B> {
     /// Sends one page until it is answered. Gives `NoError`, `ImageIncomplete` or `PageOrder`.
     fn send_page(&mut self, image: &Image, page: u8) -> Result<CommandCode, FlashError> {
         let address = self.address;
-        let silence = self.silence(format!("vcmdEraseWriteFlashPage of page {page}"));
         let Some(contents) = image.pages().get(page) else {
-            return Err(silence.into());
-        };
-        let patience = if page == LAST_PAGE {
-            ERASE_TIME
-        } else {
-            PAGE_TIME
+            return Err(self.no_answer_to(page));
         };
         let mut refusal = None;
         for attempt in 0..PAGE_ATTEMPTS {
             if attempt > 0 && self.observer.is_cancelled() {
                 return Err(self.cancelled());
             }
-            let code = self.client.write_page(address, page, contents, patience)?;
-            let Some(code) = code else {
+            let Some(code) = self.try_page(page, contents)? else {
                 refusal = None;
                 continue;
             };
@@ -156,8 +153,36 @@ impl<B: Bus> Session<'_, B> {
                 page,
                 code,
             }),
-            None => Err(silence.into()),
+            None => Err(self.no_answer_to(page)),
         }
+    }
+
+    /// Sends a page once. Gives the device's code, also if it comes late; nothing if the page or its answer was lost.
+    fn try_page(&mut self, page: u8, contents: &Page) -> Result<Option<u16>, FlashError> {
+        let usual = if page == LAST_PAGE {
+            ERASE_TIME
+        } else {
+            PAGE_TIME
+        };
+        let (address, patience) = (self.address, usual * self.slowness);
+        let code = self.client.write_page(address, page, contents, patience)?;
+        if code.is_some() {
+            return Ok(code);
+        }
+        let late = self.client.catch_up(address, patience)?;
+        if late != Late::Unanswered {
+            self.slowness = (self.slowness * 2).min(SLOWEST);
+        }
+        match late {
+            Late::Answered(code) => Ok(Some(code)),
+            Late::Unanswered => Ok(None),
+            Late::Silent => Err(self.no_answer_to(page)),
+        }
+    }
+
+    fn no_answer_to(&self, page: u8) -> FlashError {
+        self.silence(format!("vcmdEraseWriteFlashPage of page {page}"))
+            .into()
     }
 
     /// Whether the device has committed exactly this image. A device that does not tell is believed: its

@@ -340,6 +340,10 @@ pub(crate) struct FakeBus {
     pub devices: Vec<Device>,
     /// Decides over every frame of the host, by its number from 0.
     pub fate: FateOf,
+    /// Each device answers one thing after the other, and falls behind if that takes long.
+    pub in_order: bool,
+    /// When the devices have answered everything.
+    idle: Duration,
     sent: usize,
     now: Duration,
     inbox: VecDeque<(Duration, Frame)>,
@@ -351,6 +355,8 @@ impl FakeBus {
         Self {
             devices,
             fate: Box::new(|_, _| Fate::Delivered),
+            in_order: false,
+            idle: Duration::ZERO,
             sent: 0,
             now: Duration::ZERO,
             inbox: VecDeque::new(),
@@ -361,9 +367,13 @@ impl FakeBus {
     fn deliver(&mut self, frame: &Frame) {
         for device in &mut self.devices {
             let mut at = self.now;
+            if self.in_order {
+                at = at.max(self.idle);
+            }
             for (delay, answer) in device.on_frame(frame) {
                 at += delay;
                 self.inbox.push_back((at, answer));
+                self.idle = self.idle.max(at);
             }
         }
         self.inbox.make_contiguous().sort_by_key(|(at, _)| *at);

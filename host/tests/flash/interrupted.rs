@@ -213,6 +213,28 @@ fn a_device_that_lost_the_order_is_begun_anew() {
 }
 
 #[test]
+fn a_device_that_falls_behind_is_updated_all_the_same() {
+    // Every page takes this long, and what is asked meanwhile is answered afterwards.
+    for millis in [1900, 2050, 2100, 3000, 4500, 7000] {
+        let mut bench = Bench::new(Device::new(5, 0x1234));
+        bench.client.bus().in_order = true;
+        let late = Duration::from_millis(millis);
+        bench.device().delays.extend([late; 200]);
+        let report = bench.flash(&image()).map_err(|error| error.to_string());
+        assert!(report.is_ok(), "{millis}: {report:?}");
+        assert!(bench.has(&image()), "{millis}");
+        if millis <= 3000 {
+            let pages = image().pages().len();
+            assert_eq!(
+                bench.device().changes,
+                pages,
+                "{millis}: none was sent twice"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_status_that_comes_late_is_not_taken_for_another_page_s() {
     // Page 30 is answered after its patience is over, so that its status meets the repetition.
     for late in [2001, 2050, 2100, 2500, 6001, 6050, 6100] {
