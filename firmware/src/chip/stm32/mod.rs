@@ -1,11 +1,14 @@
 //! What the STM32 families of this project have in common, register by register: pins, watchdog, tick timer,
-//! H-bridge timer and encoder timer. What differs (clocks, CAN, converter) stands beside, one folder each.
+//! H-bridge timer and encoder timer, and what is alike in CAN and flash. What differs (clocks, CAN, converter) stands
+//! beside, one folder each.
 //!
 //! Section numbers are those of RM0090 (STM32F405, revision 20) and RM0440 (STM32G4, revision 8), in this
 //! order. A bootloader needs nothing of [`bridge`], [`encoder`] and [`pulse`].
 
 pub mod bridge;
+pub mod can;
 pub mod encoder;
+pub mod flash;
 pub mod pulse;
 
 use core::convert::Infallible;

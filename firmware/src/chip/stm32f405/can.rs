@@ -9,31 +9,26 @@ use stm32_metapac::can::vals::{Ide, Lec, Rtr};
 #[cfg(not(feature = "bootloader"))]
 use stm32_metapac::{Interrupt, interrupt};
 use windlass_core::frame::Frame;
-use windlass_core::node::{Attempts, Transmission};
+use windlass_core::node::Transmission;
 use windlass_core::time::Instant;
 
 use crate::chip::stm32::Pin;
 #[cfg(not(feature = "bootloader"))]
+use crate::chip::stm32::can::MAILBOX;
+use crate::chip::stm32::can::{Controller, Transfers};
+#[cfg(not(feature = "bootloader"))]
 use crate::chip::stm32::{PRIORITY_CAN, enable};
 use crate::mailbox::Attempt;
-#[cfg(feature = "bootloader")]
-use crate::mailbox::Line;
-#[cfg(not(feature = "bootloader"))]
-use crate::mailbox::Mailbox;
 use crate::port::{Bus, BusEvent};
 
 /// Alternate function of every CAN1 pin (data sheet, table 9).
 const FUNCTION: u8 = 9;
 
-#[cfg(not(feature = "bootloader"))]
-static MAILBOX: Mailbox = Mailbox::new();
-
 /// The bus; there is one.
 #[derive(Debug, Default)]
 pub struct Can {
     lost: bool,
-    #[cfg(feature = "bootloader")]
-    line: Line,
+    transfers: Transfers,
 }
 
 impl Can {
@@ -95,16 +90,16 @@ impl Bus for Can {
         let newly = lost && !self.lost;
         self.lost = lost;
         if newly {
-            self.flush();
+            self.transfers.flush();
             CAN1.tsr().write(|status| status.set_abrq(0, true));
             return Some(BusEvent::Lost);
         }
-        self.next_event()
+        self.transfers.poll::<Self>()
     }
 
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
         let frame = &transmission.frame;
-        self.begin(transmission.attempts);
+        self.transfers.begin(transmission.attempts);
         let mailbox = CAN1.tx(0);
         mailbox
             .tdtr()
@@ -135,60 +130,53 @@ impl Bus for Can {
     }
 
     fn dropped(&self) -> u32 {
-        self.lost_frames()
+        self.transfers.dropped()
     }
 
     fn errors(&self) -> u32 {
-        self.seen_errors()
+        self.transfers.errors()
     }
 }
 
-/// Between the bus and what its interrupts have noted.
-#[cfg(not(feature = "bootloader"))]
-impl Can {
-    fn begin(&mut self, attempts: Attempts) {
-        MAILBOX.start(attempts);
+impl Controller for Can {
+    /// Starts the attempt to send what stands in the mailbox.
+    fn request() {
+        CAN1.tx(0)
+            .tir()
+            .modify(|identifier| identifier.set_txrq(true));
     }
 
-    fn flush(&mut self) {
-        MAILBOX.flush();
+    /// How the attempt has ended, if it has since this was asked last.
+    fn attempt_ended() -> Option<Attempt> {
+        let status = CAN1.tsr().read();
+        if !status.rqcp(0) {
+            return None;
+        }
+        // Writing a one clears the request's flags.
+        CAN1.tsr().write(|clear| clear.set_rqcp(0, true));
+        // Waiting for a busy bus shows as lost arbitration; a missing acknowledge ends with the loss of the bus.
+        Some(if status.txok(0) {
+            Attempt::Sent
+        } else if status.alst(0) || CAN1.esr().read().lec() == Lec::ACK {
+            Attempt::Waiting
+        } else {
+            Attempt::Destroyed
+        })
     }
 
-    fn next_event(&mut self) -> Option<BusEvent> {
-        MAILBOX.poll()
-    }
-
-    fn lost_frames(&self) -> u32 {
-        MAILBOX.dropped()
-    }
-
-    fn seen_errors(&self) -> u32 {
-        MAILBOX.errors()
-    }
-}
-
-/// Between the bus and the controller itself.
-#[cfg(feature = "bootloader")]
-impl Can {
-    fn begin(&mut self, attempts: Attempts) {
-        self.line.start(attempts);
-    }
-
-    fn flush(&mut self) {
-        self.line.flush();
-    }
-
-    fn next_event(&mut self) -> Option<BusEvent> {
-        self.line.poll(attempt_ended(), request, received)
-    }
-
-    // A bootloader counts nothing.
-    fn lost_frames(&self) -> u32 {
-        0
-    }
-
-    fn seen_errors(&self) -> u32 {
-        0
+    /// The oldest frame in the FIFO; also none for one that cannot be.
+    fn received() -> Option<Frame> {
+        if CAN1.rfr(0).read().fmp() == 0 {
+            return None;
+        }
+        let frame = read_mailbox();
+        CAN1.rfr(0).write(|fifo| {
+            fifo.set_rfom(true);
+            fifo.set_fovr(true);
+        });
+        // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
+        while CAN1.rfr(0).read().rfom() {}
+        frame
     }
 }
 
@@ -199,7 +187,7 @@ fn CAN1_RX0() {
         if CAN1.rfr(0).read().fovr() {
             MAILBOX.count_drop();
         }
-        if let Some(frame) = received() {
+        if let Some(frame) = Can::received() {
             MAILBOX.receive(frame);
         }
     }
@@ -208,10 +196,10 @@ fn CAN1_RX0() {
 #[cfg(not(feature = "bootloader"))]
 #[interrupt]
 fn CAN1_TX() {
-    if let Some(attempt) = attempt_ended()
+    if let Some(attempt) = Can::attempt_ended()
         && MAILBOX.ended(attempt)
     {
-        request();
+        Can::request();
     }
 }
 
@@ -222,46 +210,6 @@ fn CAN1_SCE() {
     // Writing a one clears the flag; ones at the other flags would clear those.
     CAN1.msr().write(|clear| clear.set_erri(true));
     MAILBOX.count_error();
-}
-
-/// Starts the attempt to send what stands in the mailbox.
-fn request() {
-    CAN1.tx(0)
-        .tir()
-        .modify(|identifier| identifier.set_txrq(true));
-}
-
-/// How the attempt has ended, if it has since this was asked last.
-fn attempt_ended() -> Option<Attempt> {
-    let status = CAN1.tsr().read();
-    if !status.rqcp(0) {
-        return None;
-    }
-    // Writing a one clears the request's flags.
-    CAN1.tsr().write(|clear| clear.set_rqcp(0, true));
-    // Waiting for a busy bus shows as lost arbitration; a missing acknowledge ends with the loss of the bus.
-    Some(if status.txok(0) {
-        Attempt::Sent
-    } else if status.alst(0) || CAN1.esr().read().lec() == Lec::ACK {
-        Attempt::Waiting
-    } else {
-        Attempt::Destroyed
-    })
-}
-
-/// The oldest frame in the FIFO; also none for one that cannot be.
-fn received() -> Option<Frame> {
-    if CAN1.rfr(0).read().fmp() == 0 {
-        return None;
-    }
-    let frame = read_mailbox();
-    CAN1.rfr(0).write(|fifo| {
-        fifo.set_rfom(true);
-        fifo.set_fovr(true);
-    });
-    // The FIFO shows its next frame when the release is done (32.9.2, RFOM).
-    while CAN1.rfr(0).read().rfom() {}
-    frame
 }
 
 fn read_mailbox() -> Option<Frame> {

@@ -9,17 +9,16 @@ use stm32_metapac::{FDCAN1, FDCANRAM1};
 #[cfg(not(feature = "bootloader"))]
 use stm32_metapac::{Interrupt, interrupt};
 use windlass_core::frame::Frame;
-use windlass_core::node::{Attempts, Transmission};
+use windlass_core::node::Transmission;
 use windlass_core::time::Instant;
 
 use crate::chip::stm32::Pin;
 #[cfg(not(feature = "bootloader"))]
+use crate::chip::stm32::can::MAILBOX;
+use crate::chip::stm32::can::{Controller, Transfers};
+#[cfg(not(feature = "bootloader"))]
 use crate::chip::stm32::{PRIORITY_CAN, enable};
 use crate::mailbox::Attempt;
-#[cfg(feature = "bootloader")]
-use crate::mailbox::Line;
-#[cfg(not(feature = "bootloader"))]
-use crate::mailbox::Mailbox;
 use crate::port::{Bus, BusEvent};
 
 /// Alternate function of every FDCAN1 pin (STM32G431 data sheet, table 13).
@@ -34,15 +33,11 @@ const STANDARD_SHIFT: u32 = 18;
 /// Place of the data length code in the second word.
 const LENGTH_SHIFT: u32 = 16;
 
-#[cfg(not(feature = "bootloader"))]
-static MAILBOX: Mailbox = Mailbox::new();
-
 /// The bus; there is one.
 #[derive(Debug, Default)]
 pub struct Can {
     lost: bool,
-    #[cfg(feature = "bootloader")]
-    line: Line,
+    transfers: Transfers,
 }
 
 impl Can {
@@ -108,7 +103,7 @@ impl Bus for Can {
         let newly = lost && !self.lost;
         self.lost = lost;
         if newly {
-            self.flush();
+            self.transfers.flush();
             FDCAN1.txbcr().write(|cancel| cancel.set_cr(0, true));
             return Some(BusEvent::Lost);
         }
@@ -116,7 +111,7 @@ impl Bus for Can {
             // Rejoins after 129 times eleven recessive bits (44.3.2, bus-off).
             FDCAN1.cccr().modify(|control| control.set_init(false));
         }
-        self.next_event()
+        self.transfers.poll::<Self>()
     }
 
     fn transmit(&mut self, _: Instant, transmission: &Transmission) {
@@ -137,71 +132,60 @@ impl Bus for Can {
         FDCANRAM1
             .txbuf(3)
             .write_value(u32::from_le_bytes([e, f, g, h]));
-        self.begin(transmission.attempts);
-        request();
+        self.transfers.begin(transmission.attempts);
+        Self::request();
     }
 
     fn dropped(&self) -> u32 {
-        self.lost_frames()
+        self.transfers.dropped()
     }
 
     fn errors(&self) -> u32 {
-        self.seen_errors()
+        self.transfers.errors()
     }
 }
 
-/// Starts an attempt; errors from before do not count.
-fn request() {
-    let _ = FDCAN1.psr().read();
-    FDCAN1.txbar().write(|add| add.set_ar(0, true));
-}
-
-/// Between the bus and what its interrupt has noted.
-#[cfg(not(feature = "bootloader"))]
-impl Can {
-    fn begin(&mut self, attempts: Attempts) {
-        MAILBOX.start(attempts);
+impl Controller for Can {
+    /// Starts an attempt; errors from before do not count.
+    fn request() {
+        let _ = FDCAN1.psr().read();
+        FDCAN1.txbar().write(|add| add.set_ar(0, true));
     }
 
-    fn flush(&mut self) {
-        MAILBOX.flush();
+    /// How the attempt has ended, if it has since this was asked last: without automatic repetition every one ends in one
+    /// of two flags (44.3.3, table 408).
+    fn attempt_ended() -> Option<Attempt> {
+        let flags = FDCAN1.ir().read();
+        if !flags.tc() && !flags.tcf() {
+            return None;
+        }
+        FDCAN1.ir().write(|seen| {
+            seen.set_tc(true);
+            seen.set_tcf(true);
+        });
+        if FDCAN1.txbrp().read().trp(0) {
+            return None;
+        }
+        Some(if FDCAN1.txbto().read().to(0) {
+            Attempt::Sent
+        } else {
+            match FDCAN1.psr().read().lec() {
+                Lec::STUFF | Lec::FORM | Lec::BIT_1 | Lec::BIT_0 | Lec::CRC => Attempt::Destroyed,
+                // No error: arbitration was lost.
+                _ => Attempt::Waiting,
+            }
+        })
     }
 
-    fn next_event(&mut self) -> Option<BusEvent> {
-        MAILBOX.poll()
-    }
-
-    fn lost_frames(&self) -> u32 {
-        MAILBOX.dropped()
-    }
-
-    fn seen_errors(&self) -> u32 {
-        MAILBOX.errors()
-    }
-}
-
-/// Between the bus and the controller itself.
-#[cfg(feature = "bootloader")]
-impl Can {
-    fn begin(&mut self, attempts: Attempts) {
-        self.line.start(attempts);
-    }
-
-    fn flush(&mut self) {
-        self.line.flush();
-    }
-
-    fn next_event(&mut self) -> Option<BusEvent> {
-        self.line.poll(attempt_ended(), request, received)
-    }
-
-    // A bootloader counts nothing.
-    fn lost_frames(&self) -> u32 {
-        0
-    }
-
-    fn seen_errors(&self) -> u32 {
-        0
+    /// The oldest frame in the FIFO; also none for one that cannot be.
+    fn received() -> Option<Frame> {
+        let state = FDCAN1.rxfs(0).read();
+        if state.ffl() == 0 {
+            return None;
+        }
+        let frame = read_element(usize::from(state.fgi()));
+        FDCAN1.rxfa(0).write(|done| done.set_fai(state.fgi()));
+        frame
     }
 }
 
@@ -216,7 +200,7 @@ fn FDCAN1_IT0() {
         seen.set_pea(flags.pea());
     });
     while FDCAN1.rxfs(0).read().ffl() > 0 {
-        if let Some(frame) = received() {
+        if let Some(frame) = Can::received() {
             MAILBOX.receive(frame);
         }
     }
@@ -227,47 +211,11 @@ fn FDCAN1_IT0() {
     if flags.pea() {
         MAILBOX.count_error();
     }
-    if let Some(attempt) = attempt_ended()
+    if let Some(attempt) = Can::attempt_ended()
         && MAILBOX.ended(attempt)
     {
-        request();
+        Can::request();
     }
-}
-
-/// How the attempt has ended, if it has since this was asked last: without automatic repetition every one ends in one
-/// of two flags (44.3.3, table 408).
-fn attempt_ended() -> Option<Attempt> {
-    let flags = FDCAN1.ir().read();
-    if !flags.tc() && !flags.tcf() {
-        return None;
-    }
-    FDCAN1.ir().write(|seen| {
-        seen.set_tc(true);
-        seen.set_tcf(true);
-    });
-    if FDCAN1.txbrp().read().trp(0) {
-        return None;
-    }
-    Some(if FDCAN1.txbto().read().to(0) {
-        Attempt::Sent
-    } else {
-        match FDCAN1.psr().read().lec() {
-            Lec::STUFF | Lec::FORM | Lec::BIT_1 | Lec::BIT_0 | Lec::CRC => Attempt::Destroyed,
-            // No error: arbitration was lost.
-            _ => Attempt::Waiting,
-        }
-    })
-}
-
-/// The oldest frame in the FIFO; also none for one that cannot be.
-fn received() -> Option<Frame> {
-    let state = FDCAN1.rxfs(0).read();
-    if state.ffl() == 0 {
-        return None;
-    }
-    let frame = read_element(usize::from(state.fgi()));
-    FDCAN1.rxfa(0).write(|done| done.set_fai(state.fgi()));
-    frame
 }
 
 fn read_element(place: usize) -> Option<Frame> {

@@ -15,9 +15,8 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m_rt::exception;
 use stm32_metapac::FLASH;
-use stm32_metapac::flash::regs::Sr;
 
-use crate::chip::stm32::{self, Patience};
+use crate::chip::stm32::{self, Patience, flash};
 use crate::fault;
 use crate::partition::{Controller, FlashError};
 use crate::record::Cause;
@@ -29,8 +28,6 @@ pub const SLOT_UNIT: usize = JOURNAL_UNIT;
 
 /// Where flash begins (3.3.1).
 const START: u32 = 0x0800_0000;
-/// What unlocks the control register, in this order (3.3.5).
-const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 /// Errors, which are cleared by writing ones (3.7.5): OPERR, PROGERR, WRPERR, PGAERR, SIZERR, PGSERR, MISERR,
 /// FASTERR, RDERR, OPTVERR.
 const ERRORS: u32 = 0xC3FA;
@@ -73,52 +70,6 @@ unsafe fn NonMaskableInt() {
     }
 }
 
-/// Waits for the end of an operation (3.7.5, BSY) and gives the errors that it met.
-fn finish() -> Result<(), FlashError> {
-    while FLASH.sr().read().bsy() {}
-    let errors = FLASH.sr().read().0 & ERRORS;
-    FLASH.sr().write_value(Sr(errors));
-    if errors == 0 {
-        Ok(())
-    } else {
-        Err(FlashError::Controller)
-    }
-}
-
-fn unlock() {
-    if FLASH.cr().read().lock() {
-        for key in KEYS {
-            FLASH.keyr().write_value(key);
-        }
-    }
-    // Errors that something else has left would forbid to begin (3.3.7).
-    FLASH.sr().write_value(Sr(ERRORS));
-}
-
-fn lock() {
-    FLASH.cr().write(|control| control.set_lock(true));
-}
-
-/// Forgets what the caches hold: an erase does not reach them (3.3.4).
-fn flush_caches() {
-    FLASH.acr().modify(|access| {
-        access.set_dcen(false);
-        access.set_icen(false);
-    });
-    let resets = |on: bool| {
-        FLASH.acr().modify(|access| {
-            access.set_dcrst(on);
-            access.set_icrst(on);
-        });
-    };
-    resets(true);
-    resets(false);
-    FLASH.acr().modify(|access| {
-        access.set_dcen(true);
-        access.set_icen(true);
-    });
-}
-
 /// Refuses a chip whose option byte DBANK makes one bank with pages of 4 KB (3.4.1): an erase would take the
 /// neighbour along.
 fn check_arrangement() -> Result<(), FlashError> {
@@ -148,12 +99,11 @@ impl Controller for Flash {
     /// Standard programming (3.3.7): the lower word first, nothing in between.
     fn program(address: u32, unit: &[u8]) -> Result<(), FlashError> {
         let [a, b, c, d, e, f, g, h] = *unit.first_chunk().ok_or(FlashError::Range)?;
-        unlock();
+        flash::unlock(ERRORS);
         FLASH.cr().write(|control| control.set_pg(true));
         stm32::write_memory(address, u32::from_le_bytes([a, b, c, d]));
         stm32::write_memory(address + 4, u32::from_le_bytes([e, f, g, h]));
-        let programmed = finish();
-        lock();
+        let programmed = flash::finish(ERRORS);
         stm32::feed_watchdog();
         programmed
     }
@@ -163,7 +113,7 @@ impl Controller for Flash {
         check_arrangement()?;
         let offset = address.wrapping_sub(START);
         let patience = Patience::begin();
-        unlock();
+        flash::unlock(ERRORS);
         FLASH.cr().write(|control| {
             control.set_per(true);
             #[cfg(feature = "stm32g474")]
@@ -173,9 +123,8 @@ impl Controller for Flash {
             control.set_pnb((offset / JOURNAL_UNIT as u32) as u8);
         });
         FLASH.cr().modify(|control| control.set_strt(true));
-        let erased = finish();
-        lock();
-        flush_caches();
+        let erased = flash::finish(ERRORS);
+        flash::flush_caches();
         patience.end();
         erased
     }
