@@ -385,7 +385,8 @@ fn the_api_shows_leds_and_frames_of_a_talon() {
     documents(&[&bench.transport(), "param", "get", "talon:3", "Leds"], 0);
     let node = bench.request("GET /api/sim/nodes/0", "");
     assert_eq!(node["leds"]["brake"], "red");
-    assert!(["orange", "off"].contains(&node["leds"]["ring"][0].as_str().unwrap()));
+    // Disabled it blinks orange; red if the client's last frame is too long ago on a busy machine.
+    assert!(["orange", "red", "off"].contains(&node["leds"]["ring"][0].as_str().unwrap()));
     let trace = bench.request("GET /api/sim/trace?since=0&limit=10000&decode=true", "");
     let frames = trace.as_array().unwrap().iter();
     let texts: Vec<&str> = frames.filter_map(|frame| frame["text"].as_str()).collect();
